@@ -1,0 +1,58 @@
+#pragma once
+#include <memory>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <iclk/align/alignment.h>
+#include <iclk/align/camera.h>
+#include <iclk/align/features.h>
+#include <iclk/align/image.h>
+#include <iclk/align/options.h>
+
+namespace iclk {
+
+/// What a reference image brings. Pointers are read during the call only.
+struct Reference {
+  ImageView image;          ///< I0
+  Camera camera;            ///< of both images of a pair; its size is the plan's
+  Features features;        ///< sparse mode
+  ImageView inverse_depth;  ///< dense mode: r32f, 1 / metre, 0 or NaN = unknown
+};
+
+/// A Gaussian prior on the pose: e = Log(T_10_prior^-1 T_10) ~ N(0, information^-1), twist order [rho, phi].
+struct PosePrior {
+  SE3 T_10;
+  Matrix6d information = Matrix6d::Zero();
+};
+
+/// One alignment of a batch: a prepared reference and a target.
+struct Pair {
+  int reference = 0;    ///< slot given to set_reference
+  ImageView target;     ///< I1
+  SE3 T_10;             ///< first guess
+  std::optional<PosePrior> prior;
+};
+
+/// SD-6DoF-ICLK over batches of pairs. One thread at a time.
+///
+///   xi = (J^T W J + lambda D)^-1 J^T W r,   T_10 <- T_10 Exp(xi)^-1     (paper, eq. 1 to 4)
+class Aligner {
+ public:
+  virtual ~Aligner() = default;
+
+  /// Prepares a keyframe (pyramid, masks, Jacobians) that any number of targets can be aligned against.
+  /// Throws Error(invalid_argument) for a slot outside the plan, an image of another size than plan and camera, a bad camera.
+  /// Unusable features do not throw: the verdicts come back here and in every Alignment.
+  virtual std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) = 0;
+
+  /// One result a pair, in order. Throws Error for bad input (before any work) or a lost device; never for a failed alignment.
+  virtual std::vector<Alignment> align(std::span<const Pair> pairs) = 0;
+
+  Alignment align(const Pair& pair) { return align(std::span(&pair, 1)).front(); }
+};
+
+/// The CPU reference: plain C++ and Eigen, one thread, the contract of every other solver.
+std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options = {});
+
+}  // namespace iclk

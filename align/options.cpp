@@ -1,0 +1,48 @@
+#include <iclk/align/options.h>
+
+#include <cmath>
+#include <string>
+
+#include <iclk/engine/error.h>
+
+namespace iclk {
+namespace {
+
+[[noreturn]] void refuse(const std::string& what, double value, const std::string& range) {
+  std::string number = std::to_string(value);
+  throw Error(ErrorCode::invalid_argument, what + " is " + number + ", must be " + range);
+}
+
+}  // namespace
+
+void AlignerOptions::check() const {
+  const auto need = [](bool ok, const char* what, double value, const char* range) {
+    if (!ok) refuse(what, value, range);
+  };
+  need(levels >= 1 && levels <= 12, "levels", levels, "1 to 12");
+  need(iterations >= 1 && iterations <= 100, "iterations", iterations, "1 to 100");
+  need(std::isfinite(lambda) && lambda >= 0 && lambda <= 1e6, "lambda", lambda, "0 to 1e6");
+  need(std::isfinite(step_tolerance) && step_tolerance >= 0, "step_tolerance", step_tolerance, "0 or more");
+  need(min_features >= 3, "min_features", min_features, "3 or more");
+  need(min_visible >= 0 && min_visible <= 1, "min_visible", min_visible, "0 to 1");
+  need(min_correlation >= -1 && min_correlation <= 1, "min_correlation", min_correlation, "-1 to 1");
+  need(std::isfinite(residual_sigma) && residual_sigma > 0, "residual_sigma", residual_sigma, "above 0");
+}
+
+void Plan::check(const AlignerOptions& options) const {
+  options.check();
+  const auto need = [](bool ok, const char* what, double value, const std::string& range) {
+    if (!ok) refuse(what, value, range);
+  };
+  // The coarsest level must hold at least one pixel with both neighbours, or there is no gradient.
+  const int smallest = 3 << (options.levels - 1);
+  const std::string range = "at least " + std::to_string(smallest) + " for " + std::to_string(options.levels) +
+                            " levels (use fewer levels for a smaller image) and at most 32768";
+  need(width >= smallest && width <= 32768, "image width", width, range);
+  need(height >= smallest && height <= 32768, "image height", height, range);
+  need(max_features >= 1 && max_features <= 1 << 20, "max_features", max_features, "1 to 1048576");
+  need(max_references >= 1, "max_references", max_references, "1 or more");
+  need(max_pairs >= 1, "max_pairs", max_pairs, "1 or more");
+}
+
+}  // namespace iclk

@@ -1,0 +1,36 @@
+#pragma once
+#include <cmath>
+#include <vector>
+
+#include <iclk/align/image.h>
+
+namespace iclk {
+
+/// One level of a feature pyramid on the host: width x height floats, row-major.
+struct Map {
+  int width = 0, height = 0;
+  std::vector<float> data;
+
+  Map() = default;
+  Map(int w, int h) : width(w), height(h), data(static_cast<size_t>(w) * h) {}
+  float& at(int u, int v) { return data[static_cast<size_t>(v) * width + u]; }
+  float at(int u, int v) const { return data[static_cast<size_t>(v) * width + u]; }
+
+  /// Bilinear value at (u, v), clamped to the image. Preconditions: width, height >= 2, u and v finite.
+  double bilinear(double u, double v) const;
+  /// Central differences with the border pixel repeated.
+  double gradient_u(int u, int v) const;
+  double gradient_v(int u, int v) const;
+};
+
+/// Finest first.
+using Pyramid = std::vector<Map>;
+
+/// Grey map of level 0: luma 0.299 R + 0.587 G + 0.114 B in [0, 1]; a single channel is taken as it is.
+Map grey_map(const ImageView& image);
+
+/// 2x2 means, sizes floored: the classical, unlearned features.
+Pyramid grey_pyramid(const ImageView& image, int levels);
+Map half_size(const Map& map);
+
+}  // namespace iclk

@@ -1,0 +1,20 @@
+# iclk_library(room SOURCES ... PUBLIC target ... PRIVATE target ...): a static library iclk_<room> with the alias iclk::<room>.
+function(iclk_library room)
+  cmake_parse_arguments(arg "" "" "SOURCES;PUBLIC;PRIVATE" ${ARGN})
+  add_library(iclk_${room} STATIC ${arg_SOURCES})
+  add_library(iclk::${room} ALIAS iclk_${room})
+  set_target_properties(iclk_${room} PROPERTIES EXPORT_NAME ${room})
+  target_compile_features(iclk_${room} PUBLIC cxx_std_20)
+  target_include_directories(iclk_${room} PUBLIC
+    $<BUILD_INTERFACE:${ICLK_INCLUDE_DIR}> $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+  target_link_libraries(iclk_${room} PUBLIC ${arg_PUBLIC} PRIVATE ${arg_PRIVATE})
+  iclk_warnings(iclk_${room})
+endfunction()
+
+# Warnings of our own code; never forced on a project that embeds us.
+function(iclk_warnings target)
+  target_compile_options(${target} PRIVATE -Wall -Wextra)
+  if(ICLK_WERROR)
+    target_compile_options(${target} PRIVATE -Werror)
+  endif()
+endfunction()

@@ -1,0 +1,1 @@
+#include <iclk/engine/error.h>
