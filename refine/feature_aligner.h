@@ -1,0 +1,55 @@
+#pragma once
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <iclk/align/aligner.h>
+#include <iclk/refine/feature_alignment.h>
+
+namespace iclk {
+
+/// All features of one pair, warped by one pose.
+struct FeatureAlignmentTask {
+  int reference = 0;  ///< slot of the aligner
+  int pair = 0;       ///< index in the aligner's last align()
+  SE3 T_10;
+};
+
+/// Feature alignment over a batch, on the maps that an Aligner holds. One thread at a time, and not while the aligner aligns.
+class FeatureAligner {
+ public:
+  virtual ~FeatureAligner() = default;
+
+  /// One list a task, one entry a feature of its reference, in order. Throws Error(invalid_argument) for a slot or a pair that the
+  /// aligner does not hold, and for a lost device.
+  virtual std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) = 0;
+
+  /// What the aligner holds of a reference.
+  virtual const Camera& camera(int slot) const = 0;
+  virtual const Features& features(int slot) const = 0;
+  virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;
+
+  /// The most pairs of one align() whose target maps are still there afterwards.
+  virtual int max_pairs() const = 0;
+};
+
+/// Grey maps and features on the host: what the CPU feature aligner reads. Pairs count within the last batch.
+class FeatureMaps {
+ public:
+  virtual ~FeatureMaps() = default;
+  virtual const Pyramid& reference_map(int slot) const = 0;
+  virtual const Pyramid& target_map(int pair) const = 0;
+  virtual const Camera& camera(int slot) const = 0;
+  virtual const Features& features(int slot) const = 0;
+  virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;
+  virtual int max_pairs() const = 0;
+};
+
+/// The CPU reference: align_feature() for every feature.
+std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<FeatureMaps> maps, const FeatureAlignmentOptions& options = {});
+
+/// The feature aligner that works where `aligner` keeps its maps; `aligner` must outlive it.
+/// Throws Error(unsupported) for an Aligner that is not one of the library's.
+std::unique_ptr<FeatureAligner> make_feature_aligner(Aligner& aligner, const FeatureAlignmentOptions& options = {});
+
+}  // namespace iclk

@@ -1,0 +1,79 @@
+#pragma once
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <iclk/align/camera.h>
+#include <iclk/align/features.h>
+#include <iclk/align/pyramid.h>
+#include <iclk/align/se3.h>
+
+namespace iclk {
+
+enum class FeatureStatus : uint8_t {
+  aligned,
+  diverged,      ///< the steps did not die out, or led further than max_motion from the projected position
+  out_of_image,  ///< behind camera 1, or the patch is not inside image 0 or image 1
+  low_texture,   ///< the patch does not determine a position
+  bad_match,     ///< the patch and the target do not look alike where the steps ended
+  rejected,      ///< FeatureCheck is not ok: the feature never took part
+};
+const char* name(FeatureStatus status);
+
+/// A feature of image 0 found in image 1.
+struct AlignedFeature {
+  Eigen::Vector2d uv1 = Eigen::Vector2d::Zero();  ///< px of level 0 of image 1; where the search ended, whatever the status (finite)
+  /// px^2, of uv1; zero unless aligned. Photometric noise only: residual variance times the inverse of the 2x2 Schur complement.
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
+  double gain = 1, bias = 0;  ///< I1 = gain I0 + bias in the patch
+  double correlation = 0;     ///< of the warped patch and the target, in [-1, 1]
+  int iterations = 0;         ///< of all levels
+  FeatureStatus status = FeatureStatus::rejected;
+};
+
+/// How many are aligned.
+int count_aligned(std::span<const AlignedFeature> features);
+
+/// "38 of 50 features aligned (4 bad_match, 8 rejected)".
+std::string summary(std::span<const AlignedFeature> features);
+
+/// When level 1 (twice the basin, half the precision) comes before level 0.
+enum class CoarseStart : uint8_t {
+  never,
+  retry,   ///< where level 0 alone does not align the feature
+  always,
+};
+
+struct FeatureAlignmentOptions {
+  int iterations = 15;           ///< at most, a level
+  double step_tolerance = 0.01;  ///< px: a smaller step ends a level; a level whose last step is larger has diverged
+  double max_motion = 4;         ///< px of level 0 from the projected to the aligned position
+  double min_correlation = 0.85;
+  /// Smaller eigenvalue of the patch's 2x2 gradient matrix with gain and bias projected out, per pixel: (grey / px)^2, grey in [0, 1].
+  double min_texture = 2e-5;
+  CoarseStart coarse_start = CoarseStart::retry;
+
+  /// Throws Error(invalid_argument) that names the value and its range.
+  void check() const;
+};
+
+/// Where a feature's neighbourhood goes: u1(u0) = project(R ray(u0) + q t), the patch lying in the plane z = 1 / q of camera 0.
+struct PatchWarp {
+  Eigen::Vector2d uv1;  ///< the feature in image 1, px of level 0
+  Eigen::Matrix2d A;    ///< du1 / du0 at the feature, the same on every level
+  bool valid = false;   ///< in front of camera 1 and A invertible
+};
+PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q, const SE3& T_10);
+
+/// The position in image 1 of the feature at `uv0` (px, sub-pixel) with inverse depth `q` > 0: Lucas-Kanade over (du, dv, gain, bias) of
+/// an 8x8 patch that is centred on the feature and warped affinely by T_10, inverse compositional (the warped patch is the template).
+///
+/// `f0`, `f1`: grey pyramids of the same sizes as `camera` and its levels, finest first; level 1 is used where it is there.
+/// Every input is fine: a NaN gives a status, not a position. The shader feature_alignment.comp follows this function stage by stage.
+AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
+                             const SE3& T_10, const FeatureAlignmentOptions& options = {});
+
+}  // namespace iclk

@@ -1,0 +1,54 @@
+#pragma once
+#include <span>
+#include <string>
+
+#include <iclk/align/alignment.h>
+#include <iclk/align/camera.h>
+#include <iclk/align/features.h>
+#include <iclk/align/se3.h>
+#include <iclk/refine/feature_alignment.h>
+
+namespace iclk {
+
+struct PoseOptions {
+  double cauchy_scale = 0.3;      ///< px: a residual of this length has half the weight
+  double min_sigma = 0.1;         ///< px: what a perfect patch is still wrong by (interpolation, depth, rolling surface); a floor of every covariance
+  int iterations = 50;
+  int min_features = 6;           ///< fewer aligned features end in too_few_features
+  double inlier_distance = 1;     ///< px of reprojection error
+  double min_inlier_share = 0.5;  ///< a smaller share of the aligned features ends in diverged
+
+  /// Throws Error(invalid_argument) that names the value and its range.
+  void check() const;
+};
+
+/// What pose (and structure) refinement gives.
+struct PoseResult {
+  SE3 T_10;
+  /// Of xi in T_10 Exp(xi), twist order [rho, phi]: Ceres's (J^T W J)^-1 times the variance of the residuals as the M-estimator sees it.
+  /// Zero unless converged.
+  Matrix6d covariance = Matrix6d::Zero();
+  Status status = Status::diverged;  ///< converged, max_iterations, too_few_features, degenerate or diverged
+  std::string reason;                ///< the status in words, with the numbers that decided it
+  std::string report;                ///< Ceres's brief report; empty if it never ran
+  double initial_cost = 0;           ///< mean of rho(|r|^2) / 2 over the used features, px^2, before
+  double cost = 0;                   ///< and after
+  double sigma = 0;                  ///< px: robust standard deviation of a residual component
+  int used = 0, inliers = 0, iterations = 0;
+
+  bool converged() const { return status == Status::converged; }
+};
+
+/// d u1 / d xi of u1 = project(X1), X1 = T_10 Exp(xi) X0 at xi = 0; twist order [rho, phi]. Precondition: (T_10 X0).z() > 0.
+Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& X0);
+
+/// The pose that projects the features onto their aligned positions: Cauchy loss, Levenberg-Marquardt (Ceres),
+///
+///   min_T sum_i rho(|W_i (project(T X_i) - uv1_i)|^2),   W_i = sigma_0 (covariance_i + sigma_0^2 I)^-1/2,   sigma_0 = min_sigma,
+///
+/// over the features whose status is aligned: a sharp patch counts its residual in px, a vague one less.
+/// Preconditions: `aligned` has one entry a feature, else Error(invalid_argument); a feature that is not finite or has no depth is not used.
+PoseResult refine_pose(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10,
+                       const PoseOptions& options = {});
+
+}  // namespace iclk

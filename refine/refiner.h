@@ -1,0 +1,82 @@
+#pragma once
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <iclk/align/aligner.h>
+#include <iclk/refine/feature_aligner.h>
+#include <iclk/refine/structure.h>
+
+namespace iclk {
+
+struct RefinerOptions {
+  FeatureAlignmentOptions feature_alignment;
+  PoseOptions pose;
+  bool structure = false;         ///< refine pose and inverse depths together at the end
+  double relative_sigma = 0.02;   ///< of inverse depths without a sigma; StructureOptions::relative_sigma
+  int rounds = 3;                 ///< of feature alignment and pose, at most
+  double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
+
+  // What a converged result has to show.
+  int min_aligned = 8;             ///< aligned features
+  double min_aligned_share = 0.3;  ///< of the features whose patch the final pose puts inside image 1
+  double max_correction = 4;       ///< px, median over the features: the most that refinement may move the pose that ICLK found
+
+  /// Throws Error(invalid_argument) that names the value and its range.
+  void check() const;
+};
+
+/// The pose as a stage left it.
+struct Stage {
+  std::string name;  ///< "iclk", "feature_alignment", "pose", "structure"
+  SE3 T_10;          ///< feature_alignment: the pose by which it warped, unchanged
+  double cost = 0;   ///< iclk: Alignment::cost; the others: mean Cauchy loss of the aligned features at T_10, px^2
+  double ms = 0;     ///< sum over the rounds; a batch's stages are shared evenly by its pairs
+};
+
+/// From ICLK to the refined pose, with every step on the way.
+struct RefinedAlignment {
+  Alignment iclk;
+  SE3 T_10;                                   ///< the last trustworthy pose: camera 0 to camera 1
+  Matrix6d covariance = Matrix6d::Zero();     ///< of [rho, phi], T_10 = mean Exp(xi); zero unless converged or max_iterations
+  Status status = Status::diverged;           ///< of the whole way
+  std::string reason;                         ///< the status in words, with the numbers that decided it
+  std::vector<Stage> stages;                  ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
+  std::vector<AlignedFeature> features;       ///< one a feature of the reference; the last round's
+  std::vector<double> inverse_depth;          ///< one a feature: refined by structure, else as given
+  std::vector<double> inverse_depth_sigma;    ///< one a feature if structure ran, else empty
+  int rounds = 0;
+  int visible = 0, aligned = 0, inliers = 0;  ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
+  double sigma = 0;                           ///< px: robust standard deviation of the reprojection residuals
+
+  bool converged() const { return status == Status::converged; }
+};
+
+/// The whole way for pairs: aligner.align(), then rounds of feature alignment and pose, each warping the patches by the better pose,
+/// until the set of aligned features and the pose stand still. References are set on the aligner. In dense mode the reference carries
+/// features besides its inverse depth image: refinement works on them.
+///
+/// The status is converged only on evidence: ICLK ended in converged or max_iterations; enough features were found, and a share of those
+/// visible; they agree on one pose; that pose lies within what feature alignment can correct. One thread at a time.
+class Refiner {
+ public:
+  /// `aligner` must outlive the refiner. Throws Error(invalid_argument) for bad options.
+  explicit Refiner(Aligner& aligner, const RefinerOptions& options = {});
+  /// The same with a feature aligner of the caller's.
+  Refiner(Aligner& aligner, std::unique_ptr<FeatureAligner> feature_aligner, const RefinerOptions& options = {});
+  ~Refiner();
+
+  /// One result a pair, in order. Throws what Aligner::align() throws; never for a failed refinement.
+  std::vector<RefinedAlignment> align(std::span<const Pair> pairs);
+  RefinedAlignment align(const Pair& pair) { return std::move(align(std::span(&pair, 1)).front()); }
+
+ private:
+  void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
+
+  Aligner& aligner_;
+  std::unique_ptr<FeatureAligner> feature_aligner_;
+  RefinerOptions options_;
+};
+
+}  // namespace iclk
