@@ -50,6 +50,12 @@ class Aligner {
   virtual std::vector<Alignment> align(std::span<const Pair> pairs) = 0;
 
   Alignment align(const Pair& pair) { return align(std::span(&pair, 1)).front(); }
+
+  /// What was given for a prepared slot. Precondition: set_reference(slot) succeeded.
+  virtual const Camera& camera(int slot) const = 0;
+  virtual const Features& features(int slot) const = 0;
+  virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;
+  virtual const Plan& plan() const = 0;
 };
 
 /// The CPU reference: plain C++ and Eigen, one thread, the contract of every other solver.

@@ -1,0 +1,115 @@
+#include <iclk/align/cpu_aligner.h>
+
+#include <iclk/align/internal/input.h>
+#include <iclk/align/internal/jacobian.h>
+#include <iclk/align/internal/lm.h>
+#include <iclk/align/internal/mask.h>
+#include <iclk/align/internal/verdict.h>
+#include <iclk/align/internal/weights.h>
+#include <iclk/engine/error.h>
+
+namespace iclk {
+
+struct CpuAligner::Keyframe {
+  Camera camera;
+  Features features;
+  std::vector<FeatureCheck> checks;
+  Pyramid f0;
+  std::vector<internal::Template> levels;  // finest first
+  double mean_inverse_depth = 0;
+};
+
+CpuAligner::CpuAligner(const Plan& plan, const AlignerOptions& options) : plan_(plan), options_(options) {
+  plan_.check(options_);
+  keyframes_.resize(static_cast<size_t>(plan_.max_references));
+}
+
+CpuAligner::~CpuAligner() = default;
+
+std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& reference) {
+  internal::check_slot(slot, plan_);
+  internal::check_reference(reference, plan_);
+  auto keyframe = std::make_unique<Keyframe>();
+  keyframe->camera = reference.camera;
+  keyframe->features = reference.features;
+  keyframe->checks = check_features(reference.features, reference.camera);
+  keyframe->mean_inverse_depth = internal::mean_inverse_depth(reference, keyframe->checks, plan_.dense);
+  keyframe->f0 = grey_pyramid(reference.image, options_.levels);
+  Map q;
+  for (int level = 0; level < options_.levels; ++level) {
+    const Map& f0 = keyframe->f0[static_cast<size_t>(level)];
+    if (plan_.dense) {
+      q = level == 0 ? internal::dense_inverse_depth(reference.inverse_depth) : internal::half_inverse_depth(q);
+      keyframe->levels.push_back(internal::dense_template(f0, q));
+    } else {
+      const auto mask = internal::sparse_mask(reference.features, keyframe->checks, reference.camera, level);
+      keyframe->levels.push_back(internal::sparse_template(f0, reference.features, mask, level));
+    }
+  }
+  auto& kept = keyframes_[static_cast<size_t>(slot)];
+  kept = std::move(keyframe);
+  return kept->checks;
+}
+
+std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    internal::check_pair(pairs[i], i, plan_);
+    if (!keyframes_[static_cast<size_t>(pairs[i].reference)])
+      throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
+                                                   std::to_string(pairs[i].reference) + " was never set");
+  }
+  targets_.assign(pairs.size(), {});
+  std::vector<Alignment> out;
+  out.reserve(pairs.size());
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    targets_[i] = grey_pyramid(pairs[i].target, options_.levels);
+    out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], targets_[i], pairs[i]));
+  }
+  return out;
+}
+
+Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, const Pair& pair) const {
+  if (!internal::enough_to_align(keyframe.checks, keyframe.mean_inverse_depth, plan_, options_))
+    return internal::too_few_features(keyframe.checks, pair.T_10, options_);
+
+  Alignment out;
+  out.features = keyframe.checks;
+  internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, pair.T_10);
+  for (int level = options_.levels - 1; level >= 0; --level) {
+    const Camera camera = keyframe.camera.at_level(level);
+    const internal::Template& pixels = keyframe.levels[static_cast<size_t>(level)];
+    const Map& target = f1[static_cast<size_t>(level)];
+    if (level == options_.levels - 1 && options_.photometric)
+      lm.start_photometric(internal::normal_equations(pixels, target, camera, lm.point(), {}));
+
+    lm.begin_level(camera);
+    LevelTrace trace;
+    trace.level = level;
+    std::vector<float> weights;
+    if (options_.robust != Robust::unit) {  // once a level, from the residual with which it starts
+      const auto r = internal::residuals(pixels, target, camera, lm.point());
+      trace.scale = internal::mad_scale(r);
+      weights = internal::robust_weights(options_.robust, r, static_cast<float>(trace.scale));
+    }
+    for (int i = 0; i < options_.iterations && !lm.level_done(); ++i)
+      trace.iterations.push_back(lm.step(internal::normal_equations(pixels, target, camera, lm.point(), weights)));
+    if (level == 0 || options_.damping == Damping::adaptive)
+      lm.end_level(internal::normal_equations(pixels, target, camera, lm.point(), weights));
+    out.levels.push_back(std::move(trace));
+  }
+  internal::conclude({lm.point(), lm.sums(), lm.singular(), lm.last_step(), keyframe.camera, keyframe.mean_inverse_depth}, options_,
+                     out);
+  return out;
+}
+
+const Camera& CpuAligner::camera(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->camera; }
+const Features& CpuAligner::features(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->features; }
+const std::vector<FeatureCheck>& CpuAligner::checks(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->checks; }
+const Pyramid& CpuAligner::reference_map(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->f0; }
+const Pyramid& CpuAligner::target_map(int pair) const { return targets_.at(static_cast<size_t>(pair)); }
+
+std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options) {
+  return std::make_unique<CpuAligner>(plan, options);
+}
+
+}  // namespace iclk

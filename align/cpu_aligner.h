@@ -1,0 +1,35 @@
+#pragma once
+#include <iclk/align/aligner.h>
+#include <iclk/align/pyramid.h>
+
+namespace iclk {
+
+/// The CPU reference: every stage in plain C++ and Eigen under the name it has in shaders/. One thread.
+class CpuAligner : public Aligner {
+ public:
+  CpuAligner(const Plan& plan, const AlignerOptions& options);
+  ~CpuAligner() override;
+
+  std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
+  using Aligner::align;
+  std::vector<Alignment> align(std::span<const Pair> pairs) override;
+
+  /// What the refinement reads. Preconditions: the slot is prepared; `pair` indexes the last align() call.
+  const Camera& camera(int slot) const override;
+  const Features& features(int slot) const override;
+  const std::vector<FeatureCheck>& checks(int slot) const override;
+  const Plan& plan() const override { return plan_; }
+  const Pyramid& reference_map(int slot) const;
+  const Pyramid& target_map(int pair) const;
+
+ private:
+  struct Keyframe;
+  Alignment align_one(const Keyframe& keyframe, const Pyramid& f1, const Pair& pair) const;
+
+  Plan plan_;
+  AlignerOptions options_;
+  std::vector<std::unique_ptr<Keyframe>> keyframes_;
+  std::vector<Pyramid> targets_;
+};
+
+}  // namespace iclk

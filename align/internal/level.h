@@ -1,0 +1,38 @@
+#pragma once
+#include <cmath>
+#include <vector>
+
+#include <iclk/align/camera.h>
+#include <iclk/align/se3.h>
+
+namespace iclk::internal {
+
+/// One pixel of the mask of a level with all that the iterations need of image 0. inverse_depth 0 = outside the mask.
+/// Sparse mode: element feature * 64 + patch pixel. Dense mode: element v * width + u.
+struct TemplatePixel {
+  float u = 0, v = 0;        ///< pixel of this level
+  float inverse_depth = 0;
+  float f0 = 0;
+  float gu = 0, gv = 0;      ///< central differences of f0
+};
+
+using Template = std::vector<TemplatePixel>;
+
+/// Where the pixel (u, v) with inverse depth q falls in the other image of the same level.
+struct Warped {
+  double u = 0, v = 0;
+  bool visible = false;      ///< in front of the camera and inside the image
+};
+
+inline Warped warp(const Camera& level_camera, const SE3& T_10, double u, double v, double q) {
+  const Eigen::Vector3d ray((u - level_camera.cx) / level_camera.fx, (v - level_camera.cy) / level_camera.fy, 1.0);
+  const Eigen::Vector3d p = T_10.R * ray + q * T_10.t;  // the point, divided by its depth in camera 0
+  Warped w;
+  if (!(p.z() > 1e-6)) return w;
+  w.u = p.x() / p.z() * level_camera.fx + level_camera.cx;
+  w.v = p.y() / p.z() * level_camera.fy + level_camera.cy;
+  w.visible = w.u >= 0 && w.v >= 0 && w.u <= level_camera.width - 1 && w.v <= level_camera.height - 1;
+  return w;
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,60 @@
+#include <iclk/align/internal/normal_equations.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <iclk/align/internal/jacobian.h>
+
+namespace iclk::internal {
+
+double NormalSums::correlation(const Point& at) const {
+  const double n = weight();
+  if (!(n > 0)) return 0;
+  // f1 = r + a f0 + b
+  const double s0 = H(6, 7), s00 = H(6, 6), sr = g(7), s0r = g(6);
+  const double s1 = sr + at.gain * s0 + at.bias * n;
+  const double s01 = s0r + at.gain * s00 + at.bias * s0;
+  const double s11 = cost + 2 * (at.gain * s0r + at.bias * sr) + at.gain * at.gain * s00 + 2 * at.gain * at.bias * s0 +
+                     at.bias * at.bias * n;
+  const double v0 = s00 - s0 * s0 / n, v1 = s11 - s1 * s1 / n;
+  const double floor = 1e-9 * n;  // a spread under 3e-5 is rounding, not texture
+  if (!(v0 > floor) || !(v1 > floor)) return 0;
+  return std::clamp((s01 - s0 * s1 / n) / std::sqrt(v0 * v1), -1.0, 1.0);
+}
+
+std::vector<float> residuals(const Template& pixels, const Map& f1, const Camera& level_camera, const Point& at) {
+  std::vector<float> r(pixels.size(), std::numeric_limits<float>::quiet_NaN());
+  for (size_t k = 0; k < pixels.size(); ++k) {
+    const TemplatePixel& p = pixels[k];
+    if (!(p.inverse_depth > 0)) continue;
+    if (const Warped w = warp(level_camera, at.T_10, p.u, p.v, p.inverse_depth); w.visible)
+      r[k] = static_cast<float>(f1.bilinear(w.u, w.v) - (at.gain * p.f0 + at.bias));
+  }
+  return r;
+}
+
+NormalSums normal_equations(const Template& pixels, const Map& f1, const Camera& level_camera, const Point& at,
+                            std::span<const float> weights) {
+  NormalSums sums;
+  for (size_t k = 0; k < pixels.size(); ++k) {
+    const TemplatePixel& p = pixels[k];
+    if (!(p.inverse_depth > 0)) continue;
+    sums.masked += 1;
+    const Warped w = warp(level_camera, at.T_10, p.u, p.v, p.inverse_depth);
+    if (!w.visible) continue;
+    sums.visible += 1;
+    const double weight = weights.empty() ? 1.0 : weights[k];
+    const double r = f1.bilinear(w.u, w.v) - (at.gain * p.f0 + at.bias);
+    Vector8d J;
+    J << jacobian(p, level_camera).transpose(), p.f0, 1.0;
+    const Vector8d wJ = weight * J;
+    sums.H.selfadjointView<Eigen::Lower>().rankUpdate(J, weight);
+    sums.g += r * wJ;
+    sums.cost += weight * r * r;
+  }
+  sums.H.triangularView<Eigen::StrictlyUpper>() = sums.H.transpose();
+  return sums;
+}
+
+}  // namespace iclk::internal
