@@ -1,0 +1,42 @@
+#pragma once
+#include <cstdint>
+#include <string>
+
+#include <opencv2/core.hpp>
+
+#include <iclk/align/features.h>
+
+namespace iclk {
+
+enum class Detector {
+  shi_tomasi,  ///< the best corners of a grid of buckets, so that they spread over the image
+  grid,        ///< even spacing
+  random,      ///< uniform, as in the paper
+};
+
+struct DetectorOptions {
+  Detector detector = Detector::shi_tomasi;
+  int count = 50;
+  uint64_t seed = 0;  ///< of `random`
+  int border = 17;    ///< px: 2 P + 1 for the paper's 8x8 patches
+
+  /// Throws Error(invalid_argument) that names the value and its range.
+  void check() const;
+};
+
+/// Throws Error(invalid_argument) for another name than shi-tomasi, grid, random.
+Detector parse_detector(const std::string& name);
+
+/// At most `count` features of the reference image, at whole pixels with depth. The same input gives the same features.
+///
+/// Places whose 8x8 patch has depth throughout and within 5 % come first: at a depth edge one depth cannot hold for the patch.
+/// Where these do not suffice, any pixel with depth and a border around it serves; where there is none, the result is short or empty.
+///
+/// `image`: as load_image gives it. `depth`: CV_32FC1 metres of the same size, 0 = none. `seen`: CV_8UC1, 0 = not really seen (border of an
+/// undistorted image), or empty. Throws Error(invalid_argument) for sizes that differ.
+Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::Mat& seen, const DetectorOptions& options);
+
+/// Grey 8-bit version of an image of load_image, stretched to its range if it is not 8-bit: for detectors and pictures.
+cv::Mat grey_8bit(const cv::Mat& image);
+
+}  // namespace iclk

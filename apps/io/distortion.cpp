@@ -1,0 +1,109 @@
+#include "apps/io/distortion.h"
+
+#include <cmath>
+
+#include <opencv2/calib3d.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <iclk/engine/error.h>
+
+#include "apps/io/text.h"
+
+namespace iclk {
+namespace {
+
+cv::Mat camera_matrix(const Camera& c) { return (cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1); }
+
+/// The radius in the normalised image up to which the radial polynomial grows. Beyond it the model folds back into the image
+/// and would show what the lens never saw there.
+double radtan_domain(const std::vector<double>& k) {
+  const double k3 = k.size() > 4 ? k[4] : 0;
+  for (double r = 0; r < 4; r += 1e-3) {
+    const double r2 = r * r;
+    if (1 + r2 * (3 * k[0] + r2 * (5 * k[1] + r2 * 7 * k3)) <= 0) return r;
+  }
+  return 4;
+}
+
+}  // namespace
+
+Distortion make_distortion(const std::string& model, std::vector<double> k, const std::string& where) {
+  const auto fail = [&](const std::string& why) -> void { throw Error(ErrorCode::invalid_argument, where + ": " + why); };
+  for (const double x : k)
+    if (!std::isfinite(x)) fail("a distortion coefficient is not finite");
+  while (k.size() > 5 && k.back() == 0) k.pop_back();  // OpenCV writes unused coefficients of larger models as zeros
+  Distortion d;
+  if (model == "none" || model.empty()) {
+    for (const double x : k)
+      if (x != 0) fail("distortion coefficients without a model");
+    return d;
+  }
+  if (model == "radtan" || model == "radial-tangential" || model == "plumb_bob") {
+    if (k.size() != 4 && k.size() != 5)
+      fail("distortion " + model + " takes 4 or 5 coefficients k1,k2,p1,p2[,k3], not " + std::to_string(k.size()));
+    d.model = Distortion::Model::radtan;
+  } else if (model == "equidistant" || model == "fisheye") {
+    if (k.size() != 4) fail("distortion " + model + " takes 4 coefficients k1,k2,k3,k4, not " + std::to_string(k.size()));
+    d.model = Distortion::Model::equidistant;
+  } else {
+    fail("distortion model '" + printable(model) + "' is not known; radtan or equidistant is");
+  }
+  d.k = std::move(k);
+  return d;
+}
+
+Distortion parse_distortion(const std::string& text) {
+  const size_t colon = text.find(':');
+  const std::string where = "--distortion " + printable(text);
+  std::vector<double> k;
+  if (colon != std::string::npos) k = parse_numbers(std::string_view(text).substr(colon + 1), where);
+  return make_distortion(text.substr(0, colon), k, where);
+}
+
+Undistorter::Undistorter(const Camera& camera, const Distortion& distortion) : camera_(camera), distortion_(distortion) {
+  if (distortion_.empty()) return;
+  const cv::Mat K = camera_matrix(camera);
+  const cv::Size size(camera.width, camera.height);
+  if (distortion_.model == Distortion::Model::radtan)
+    cv::initUndistortRectifyMap(K, distortion_.k, cv::Mat(), K, size, CV_32FC1, map_u_, map_v_);
+  else
+    cv::fisheye::initUndistortRectifyMap(K, distortion_.k, cv::Mat::eye(3, 3, CV_64F), K, size, CV_32FC1, map_u_, map_v_);
+  const double domain = distortion_.model == Distortion::Model::radtan ? radtan_domain(distortion_.k) : 1e300;
+  seen_ = cv::Mat::zeros(size, CV_8UC1);
+  for (int v = 0; v < size.height; ++v)
+    for (int u = 0; u < size.width; ++u) {
+      const float x = map_u_.at<float>(v, u), y = map_v_.at<float>(v, u);
+      const double r = std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      if (x >= 0 && y >= 0 && x <= camera.width - 1 && y <= camera.height - 1 && r < domain) seen_.at<uchar>(v, u) = 255;
+    }
+}
+
+cv::Mat Undistorter::image(const cv::Mat& image) const {
+  if (distortion_.empty()) return image;
+  cv::Mat out;
+  cv::remap(image, out, map_u_, map_v_, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
+  return out;
+}
+
+cv::Mat Undistorter::depth(const cv::Mat& depth) const {
+  if (distortion_.empty()) return depth;
+  cv::Mat out;
+  cv::remap(depth, out, map_u_, map_v_, cv::INTER_NEAREST, cv::BORDER_CONSTANT, cv::Scalar(0));
+  out.setTo(0, seen_ == 0);
+  return out;
+}
+
+Eigen::Vector2d Undistorter::point(const Eigen::Vector2d& uv) const {
+  if (distortion_.empty() || !uv.allFinite()) return uv;
+  const cv::Mat K = camera_matrix(camera_);
+  const std::vector<cv::Point2d> in = {{uv.x(), uv.y()}};
+  std::vector<cv::Point2d> out;
+  const cv::TermCriteria until(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 100, 1e-9);
+  if (distortion_.model == Distortion::Model::radtan)
+    cv::undistortPoints(in, out, K, distortion_.k, cv::noArray(), K, until);
+  else
+    cv::fisheye::undistortPoints(in, out, K, distortion_.k, cv::Matx33d::eye(), K);
+  return {out[0].x, out[0].y};
+}
+
+}  // namespace iclk

@@ -1,0 +1,46 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+#include <opencv2/core.hpp>
+
+#include <iclk/align/camera.h>
+
+namespace iclk {
+
+/// How a lens departs from the pinhole. Coefficients do not depend on the image size.
+struct Distortion {
+  enum class Model { none, radtan, equidistant };
+  Model model = Model::none;
+  std::vector<double> k;  ///< radtan: k1, k2, p1, p2[, k3]; equidistant: k1, k2, k3, k4
+
+  bool empty() const { return model == Model::none; }
+};
+
+/// "radtan:k1,k2,p1,p2[,k3]", "equidistant:k1,k2,k3,k4" or "none". Throws Error(invalid_argument) that names what is wrong.
+Distortion parse_distortion(const std::string& text);
+
+/// From a model's name in a camera file (radtan, radial-tangential, plumb_bob, equidistant, fisheye, none, ...) and its
+/// coefficients. `where` opens the messages.
+Distortion make_distortion(const std::string& model, std::vector<double> k, const std::string& where);
+
+/// Turns what a distorted camera saw into what the pinhole of the same K would have seen.
+class Undistorter {
+ public:
+  /// Precondition: camera.check() passes.
+  Undistorter(const Camera& camera, const Distortion& distortion);
+
+  cv::Mat image(const cv::Mat& image) const;  ///< bilinear; beyond the source the nearest border pixel is repeated
+  cv::Mat depth(const cv::Mat& depth) const;  ///< nearest; 0 beyond the source
+  Eigen::Vector2d point(const Eigen::Vector2d& uv) const;
+  /// CV_8UC1, 255 where the undistorted pixel was really seen. Empty without distortion.
+  const cv::Mat& seen() const { return seen_; }
+
+ private:
+  Camera camera_;
+  Distortion distortion_;
+  cv::Mat map_u_, map_v_, seen_;
+};
+
+}  // namespace iclk

@@ -1,0 +1,136 @@
+#include "apps/io/images.h"
+
+#include <cmath>
+#include <cstdlib>
+
+#include <opencv2/core/utils/logger.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include <iclk/engine/error.h>
+
+#include "apps/io/text.h"
+
+namespace iclk {
+namespace {
+
+/// libjpeg fills what a truncated file lacks with grey and calls it success. A whole file ends its last scan with EOI.
+bool is_truncated_jpeg(const std::string& bytes) {
+  if (bytes.size() < 4 || bytes.compare(0, 2, "\xff\xd8") != 0) return false;
+  const size_t scan = bytes.rfind("\xff\xda");
+  return scan == std::string::npos || bytes.find("\xff\xd9", scan) == std::string::npos;
+}
+
+/// The same of a PNG cut after its last whole row: the end chunk is what says that it is complete.
+bool is_truncated_png(const std::string& bytes) {
+  if (bytes.compare(0, 8, std::string("\x89PNG\r\n\x1a\n", 8)) != 0) return false;
+  return bytes.find("IEND", 8) == std::string::npos;
+}
+
+cv::Mat decode(const std::string& path) {
+  const std::string bytes = read_file(path);
+  if (bytes.empty()) throw Error(ErrorCode::io, "cannot read " + path + ": the file is empty");
+  cv::Mat image;
+  std::string why = "not an image that OpenCV can read, or damaged";
+  if (is_truncated_jpeg(bytes) || is_truncated_png(bytes)) {
+    why = "the file is truncated";
+  } else {
+    try {
+      const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8U, const_cast<char*>(bytes.data()));
+      image = cv::imdecode(raw, cv::IMREAD_UNCHANGED);
+    } catch (const cv::Exception& e) {
+      why += " (" + printable(e.err) + ")";
+    } catch (const std::bad_alloc&) {
+      why = "not enough memory for its pixels";
+    }
+  }
+  if (image.empty()) throw Error(ErrorCode::io, "cannot read " + path + ": " + why);
+  return image;
+}
+
+std::string type_name(const cv::Mat& image) {
+  static const char* depths[] = {"8-bit", "signed 8-bit", "16-bit", "signed 16-bit", "32-bit integer", "32-bit float", "64-bit float"};
+  const int d = image.depth();
+  return (d <= CV_64F ? depths[d] : "16-bit float") + std::string(" with ") + std::to_string(image.channels()) + " channel" +
+         (image.channels() == 1 ? "" : "s");
+}
+
+}  // namespace
+
+void prepare_opencv() {
+  setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);
+  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
+}
+
+cv::Mat load_image(const std::string& path) {
+  cv::Mat image = decode(path);
+  if (image.depth() == CV_64F) image.convertTo(image, CV_32F);
+  if (image.depth() != CV_8U && image.depth() != CV_16U && image.depth() != CV_32F)
+    throw Error(ErrorCode::unsupported, path + " is " + type_name(image) + "; 8-bit, 16-bit or 32-bit float is needed");
+  if (image.channels() == 4) {
+    cv::cvtColor(image, image, cv::COLOR_BGRA2BGR);
+  } else if (image.channels() == 2) {
+    cv::extractChannel(image, image, 0);
+  } else if (image.channels() != 1 && image.channels() != 3) {
+    throw Error(ErrorCode::unsupported, path + " is " + type_name(image) + "; grey or colour is needed");
+  }
+  if (image.depth() == CV_32F && !cv::checkRange(image))
+    throw Error(ErrorCode::invalid_argument, path + " holds NaN or infinite pixels");
+  if (image.type() == CV_32FC3) cv::cvtColor(image, image, cv::COLOR_BGR2RGB);  // the library knows rgb32f, not bgr32f
+  return image;
+}
+
+cv::Mat load_depth(const std::string& path, double scale) {
+  cv::Mat raw = decode(path), depth;
+  const std::string remedy = "; a depth image is 16-bit with --depth-scale, or 32-bit float in metres, with 1 channel";
+  if (raw.channels() > 1 && raw.depth() >= CV_32F) {
+    // EXR writers repeat a single channel as grey colour.
+    std::vector<cv::Mat> planes;
+    cv::split(raw, planes);
+    if (raw.channels() == 3 && cv::norm(planes[0], planes[1], cv::NORM_INF) == 0 && cv::norm(planes[0], planes[2], cv::NORM_INF) == 0)
+      raw = planes[0];
+  }
+  if (raw.channels() != 1) throw Error(ErrorCode::invalid_argument, path + " is " + type_name(raw) + remedy);
+  if (raw.depth() == CV_16U) {
+    if (!(std::isfinite(scale) && scale > 0))
+      throw Error(ErrorCode::invalid_argument,
+                  path + " is 16-bit: say with --depth-scale how many raw units a metre has (TUM RGB-D 5000, millimetres 1000)");
+    raw.convertTo(depth, CV_32F, 1 / scale);
+  } else if (raw.depth() == CV_32F || raw.depth() == CV_64F) {
+    raw.convertTo(depth, CV_32F);
+  } else {
+    throw Error(ErrorCode::invalid_argument, path + " is " + type_name(raw) + remedy);
+  }
+  size_t valid = 0;
+  for (int v = 0; v < depth.rows; ++v) {
+    float* row = depth.ptr<float>(v);
+    for (int u = 0; u < depth.cols; ++u) {
+      if (!(std::isfinite(row[u]) && row[u] > 0)) row[u] = 0;
+      valid += row[u] > 0;
+    }
+  }
+  if (valid == 0) throw Error(ErrorCode::invalid_argument, path + " has no pixel with depth (all 0, negative or not finite)");
+  return depth;
+}
+
+ImageView view(const cv::Mat& image) {
+  PixelFormat format = PixelFormat::r8;
+  switch (image.type()) {
+    case CV_8UC1: break;
+    case CV_8UC3: format = PixelFormat::bgr8; break;
+    case CV_16UC1: format = PixelFormat::r16; break;
+    case CV_16UC3: format = PixelFormat::bgr16; break;
+    case CV_32FC1: format = PixelFormat::r32f; break;
+    case CV_32FC3: format = PixelFormat::rgb32f; break;
+    default: throw Error(ErrorCode::unsupported, "no pixel format for an image that is " + type_name(image));
+  }
+  return {image.data, image.cols, image.rows, image.step[0], format};
+}
+
+std::string encode_png(const cv::Mat& image) {
+  std::vector<uchar> bytes;
+  if (!cv::imencode(".png", image, bytes)) throw Error(ErrorCode::unsupported, "OpenCV cannot encode this image as PNG");
+  return {bytes.begin(), bytes.end()};
+}
+
+}  // namespace iclk

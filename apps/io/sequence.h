@@ -1,0 +1,39 @@
+#pragma once
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <iclk/align/se3.h>
+
+#include "apps/io/camera_file.h"
+
+namespace iclk {
+
+struct SequenceFrame {
+  double stamp = 0;           ///< of the colour image, seconds
+  std::string image, depth;   ///< paths that can be opened; depth is empty where none lies near in time
+  std::optional<SE3> T_wc;    ///< camera to world at the colour image's time, interpolated; nothing outside the ground truth
+};
+
+/// A recording in the TUM RGB-D layout: rgb.txt, depth.txt, and where they exist groundtruth.txt and camera.txt.
+struct Sequence {
+  std::string folder;
+  std::optional<CameraFile> camera;  ///< of camera.txt
+  std::vector<SequenceFrame> frames; ///< in order of time
+};
+
+/// Colour and depth are paired by time, nearest first and at most max_difference seconds apart, each used once.
+/// Throws Error(io) for a missing file, Error(invalid_argument) "<file>:<line>: ..." for a broken line or an empty list.
+Sequence load_sequence(const std::string& folder, double max_difference = 0.04);
+
+/// Frame i against frame i + stride.
+struct SequencePair {
+  int frame_0 = 0, frame_1 = 0;
+  std::string reference, target, depth;  ///< depth is the reference's
+  std::optional<SE3> T_10;               ///< truth: camera 0 to camera 1 = T_w1^-1 T_w0
+};
+
+/// Every pair whose reference has depth. Throws Error(invalid_argument) for stride < 1.
+std::vector<SequencePair> make_pairs(const Sequence& sequence, int stride);
+
+}  // namespace iclk
