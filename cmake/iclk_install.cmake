@@ -1,1 +1,20 @@
-# Install rules of the libraries.
+# Install rules: the static libraries, their public headers under include/iclk/<room>, the CMake package, the iclk command.
+# SPIR-V is embedded in the libraries; headers under <room>/internal stay here.
+include(CMakePackageConfigHelpers)
+set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
+
+install(TARGETS iclk_engine iclk_align iclk_refine EXPORT iclk ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(DIRECTORY engine align refine DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk
+  FILES_MATCHING PATTERN "*.h" PATTERN internal EXCLUDE)
+install(FILES shaders/shared.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders)
+if(TARGET iclk)
+  install(TARGETS iclk RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
+endif()
+install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
+
+install(EXPORT iclk NAMESPACE iclk:: FILE iclkTargets.cmake DESTINATION ${ICLK_PACKAGE_DIR})
+configure_package_config_file(cmake/iclkConfig.cmake.in ${PROJECT_BINARY_DIR}/iclkConfig.cmake
+  INSTALL_DESTINATION ${ICLK_PACKAGE_DIR} NO_SET_AND_CHECK_MACRO)
+write_basic_package_version_file(${PROJECT_BINARY_DIR}/iclkConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/iclkConfig.cmake ${PROJECT_BINARY_DIR}/iclkConfigVersion.cmake
+  DESTINATION ${ICLK_PACKAGE_DIR})

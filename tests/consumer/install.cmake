@@ -1,0 +1,15 @@
+# Installs the build tree BUILD into PREFIX from nothing and looks that nothing internal got there.
+file(REMOVE_RECURSE ${PREFIX})
+execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${PREFIX} COMMAND_ERROR_IS_FATAL ANY OUTPUT_QUIET)
+
+file(GLOB_RECURSE installed RELATIVE ${PREFIX} ${PREFIX}/*)
+foreach(file ${installed})
+  if(file MATCHES "internal|\\.spv|\\.comp$|\\.glsl$|CMakeLists|\\.cpp$|gtest")
+    message(FATAL_ERROR "${file} is not for users and was installed")
+  endif()
+endforeach()
+foreach(wanted include/iclk/engine/error.h include/iclk/align/aligner.h include/iclk/shaders/shared.h)
+  if(NOT wanted IN_LIST installed)
+    message(FATAL_ERROR "${wanted} was not installed")
+  endif()
+endforeach()
