@@ -23,17 +23,10 @@ class FeatureAligner {
   /// One list a task, one entry a feature of its reference, in order. Throws Error(invalid_argument) for a slot or a pair that the
   /// aligner does not hold, and for a lost device.
   virtual std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) = 0;
-
-  /// What the aligner holds of a reference.
-  virtual const Camera& camera(int slot) const = 0;
-  virtual const Features& features(int slot) const = 0;
-  virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;
-
-  /// The most pairs of one align() whose target maps are still there afterwards.
-  virtual int max_pairs() const = 0;
 };
 
-/// Grey maps and features on the host: what the CPU feature aligner reads. Pairs count within the last batch.
+/// Grey maps and features on the host: what the CPU feature aligner reads. Pairs count within the last batch. Every function throws
+/// Error(invalid_argument) for a slot or a pair that is not there.
 class FeatureMaps {
  public:
   virtual ~FeatureMaps() = default;
@@ -42,7 +35,6 @@ class FeatureMaps {
   virtual const Camera& camera(int slot) const = 0;
   virtual const Features& features(int slot) const = 0;
   virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;
-  virtual int max_pairs() const = 0;
 };
 
 /// The CPU reference: align_feature() for every feature.

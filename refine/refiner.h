@@ -2,6 +2,7 @@
 #include <memory>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include <iclk/align/aligner.h>
@@ -43,7 +44,7 @@ struct RefinedAlignment {
   Status status = Status::diverged;           ///< of the whole way
   std::string reason;                         ///< the status in words, with the numbers that decided it
   std::vector<Stage> stages;                  ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
-  std::vector<AlignedFeature> features;       ///< one a feature of the reference; the last round's
+  std::vector<AlignedFeature> features;       ///< one a feature of the reference, the last round's; empty if ICLK failed
   std::vector<double> inverse_depth;          ///< one a feature: refined by structure, else as given
   std::vector<double> inverse_depth_sigma;    ///< one a feature if structure ran, else empty
   int rounds = 0;

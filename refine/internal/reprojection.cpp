@@ -1,0 +1,188 @@
+#include <iclk/refine/internal/reprojection.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <sstream>
+
+#include <Eigen/Eigenvalues>
+
+#include <iclk/engine/error.h>
+
+namespace iclk::internal {
+namespace {
+
+using RowMajor6x12 = Eigen::Matrix<double, 6, 12, Eigen::RowMajor>;
+using RowMajor12x6 = Eigen::Matrix<double, 12, 6, Eigen::RowMajor>;
+
+constexpr double kMinDepth = 1e-6;  // of X1 times q, as in the aligner's residual
+
+}  // namespace
+
+PoseBlock to_block(const SE3& T) {
+  PoseBlock x;
+  x << T.R.col(0), T.R.col(1), T.R.col(2), T.t;
+  return x;
+}
+
+SE3 to_pose(const double* block) {
+  SE3 T;
+  T.R = Eigen::Map<const Eigen::Matrix3d>(block);
+  T.t = Eigen::Map<const Eigen::Vector3d>(block + 9);
+  return T;
+}
+
+bool PoseManifold::Plus(const double* x, const double* xi, double* x_plus_xi) const {
+  const SE3 T = to_pose(x) * SE3::exp(Eigen::Map<const Vector6d>(xi));
+  Eigen::Map<PoseBlock>{x_plus_xi} = to_block(T);
+  return true;
+}
+
+bool PoseManifold::PlusJacobian(const double* x, double* jacobian) const {
+  // T Exp(xi) = [R + R phi^, t + R rho] to first order.
+  const Eigen::Matrix3d R = to_pose(x).R;
+  RowMajor12x6 J = RowMajor12x6::Zero();
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Matrix3d dR = R * hat(Eigen::Vector3d::Unit(k));
+    J.block<9, 1>(0, 3 + k) << dR.col(0), dR.col(1), dR.col(2);
+  }
+  J.block<3, 3>(9, 0) = R;
+  Eigen::Map<RowMajor12x6>{jacobian} = J;
+  return true;
+}
+
+bool PoseManifold::Minus(const double* y, const double* x, double* y_minus_x) const {
+  Eigen::Map<Vector6d>{y_minus_x} = (to_pose(x).inverse() * to_pose(y)).log();
+  return true;
+}
+
+bool PoseManifold::MinusJacobian(const double* x, double* jacobian) const {
+  // The left inverse of PlusJacobian: rho = R^T dt, phi from the skew part of R^T dR.
+  const Eigen::Matrix3d R = to_pose(x).R;
+  RowMajor6x12 J = RowMajor6x12::Zero();
+  for (int k = 0; k < 3; ++k) {
+    const Eigen::Matrix3d dR = 0.5 * R * hat(Eigen::Vector3d::Unit(k));
+    J.block<1, 9>(3 + k, 0) << dR.col(0).transpose(), dR.col(1).transpose(), dR.col(2).transpose();
+  }
+  J.block<3, 3>(0, 9) = R.transpose();
+  Eigen::Map<RowMajor6x12>{jacobian} = J;
+  return true;
+}
+
+bool ReprojectionCost::Evaluate(double const* const* parameters, double* residuals, double** jacobians) const {
+  const SE3 T = to_pose(parameters[0]);
+  const double q = parameters[1][0];
+  const Eigen::Vector3d p = T.R * ray_ + q * T.t;
+  if (!(p.z() > kMinDepth)) return false;  // Ceres takes the step back
+  Eigen::Map<Eigen::Vector2d>{residuals} = W_ * (camera_.project(p) - uv1_);
+  if (jacobians == nullptr) return true;
+  const Eigen::Matrix<double, 2, 3> J = W_ * camera_.project_jacobian(p);
+  if (jacobians[0] != nullptr) {
+    Eigen::Map<Eigen::Matrix<double, 2, 12, Eigen::RowMajor>> J_pose(jacobians[0]);
+    for (int k = 0; k < 3; ++k) J_pose.block<2, 3>(0, 3 * k) = J * ray_[k];
+    J_pose.block<2, 3>(0, 9) = J * q;
+  }
+  if (jacobians[1] != nullptr) Eigen::Map<Eigen::Vector2d>{jacobians[1]} = J * T.t;
+  return true;
+}
+
+Eigen::Matrix2d whitening(const Eigen::Matrix2d& covariance, double sigma_0) {
+  const Eigen::Matrix2d C = covariance + sigma_0 * sigma_0 * Eigen::Matrix2d::Identity();
+  return sigma_0 * Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(C).operatorInverseSqrt();
+}
+
+std::vector<Observation> observations(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                                      const SE3& T_10, double sigma_0) {
+  camera.check();
+  if (aligned.size() != features.uv.size())
+    throw Error(ErrorCode::invalid_argument, std::to_string(aligned.size()) + " aligned features for " +
+                                                 std::to_string(features.uv.size()) + " features of the reference");
+  if (!T_10.R.allFinite() || !T_10.t.allFinite())
+    throw Error(ErrorCode::invalid_argument, "the pose to refine has an entry that is not finite");
+  const std::vector<FeatureCheck> checks = check_features(features, camera);
+  std::vector<Observation> used;
+  for (size_t i = 0; i < aligned.size(); ++i) {
+    const AlignedFeature& a = aligned[i];
+    if (a.status != FeatureStatus::aligned || checks[i] != FeatureCheck::ok) continue;
+    const double q = features.inverse_depth[i];
+    const Eigen::Vector3d p = T_10.R * camera.ray(features.uv[i]) + q * T_10.t;
+    const Eigen::Matrix2d W = whitening(a.covariance, sigma_0);
+    if (p.z() > kMinDepth && a.uv1.allFinite() && W.allFinite())
+      used.push_back({static_cast<int>(i), features.uv[i], a.uv1, q, W});
+  }
+  return used;
+}
+
+std::vector<double> residual_norms(const Camera& camera, std::span<const Observation> observations, const SE3& T_10) {
+  std::vector<double> norms;
+  norms.reserve(observations.size());
+  for (const Observation& o : observations) {
+    const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
+    norms.push_back(p.z() > kMinDepth ? (o.W * (camera.project(p) - o.uv1)).norm() : std::numeric_limits<double>::infinity());
+  }
+  return norms;
+}
+
+double cauchy_cost(std::span<const double> norms, double scale) {
+  double sum = 0;
+  for (double r : norms) sum += 0.5 * scale * scale * std::log1p(r * r / (scale * scale));
+  return norms.empty() ? 0 : sum / static_cast<double>(norms.size());
+}
+
+double variance_factor(std::span<const double> norms, double scale, int parameters) {
+  double psi2 = 0, w1 = 0, w2 = 0;
+  for (double r : norms) {
+    const double w = std::isfinite(r) ? 1 / (1 + r * r / (scale * scale)) : 0;
+    if (w > 0) psi2 += w * w * r * r;
+    w1 += w;
+    w2 += w * w;
+  }
+  const double n = static_cast<double>(norms.size());
+  const double freedom = std::max(2 * n - parameters, 1.0);
+  return w2 > 0 ? psi2 / freedom * (w1 / n) / (w2 * w2 / (n * n)) : 0;
+}
+
+ceres::Solver::Options solver_options(int iterations) {
+  ceres::Solver::Options o;
+  o.minimizer_type = ceres::TRUST_REGION;
+  o.trust_region_strategy_type = ceres::LEVENBERG_MARQUARDT;
+  o.max_num_iterations = iterations;
+  o.num_threads = 1;                 // the caller's threads are the caller's
+  o.logging_type = ceres::SILENT;
+  o.minimizer_progress_to_stdout = false;
+  o.function_tolerance = 1e-12;
+  o.gradient_tolerance = 1e-12;
+  o.parameter_tolerance = 1e-12;
+  return o;
+}
+
+bool judge(std::span<const Observation> observations, const Camera& camera, const ceres::Solver::Summary& summary,
+           const PoseOptions& options, PoseResult& result) {
+  const std::vector<double> norms = residual_norms(camera, observations, result.T_10);
+  result.cost = cauchy_cost(norms, options.cauchy_scale);
+  result.sigma = std::sqrt(variance_factor(norms, options.cauchy_scale, 6));
+  result.inliers = 0;
+  for (const Observation& o : observations) {
+    const Eigen::Vector3d p = result.T_10.R * camera.ray(o.uv0) + o.q * result.T_10.t;
+    if (p.z() > kMinDepth && (camera.project(p) - o.uv1).norm() <= options.inlier_distance) ++result.inliers;
+  }
+  std::ostringstream why;
+  why << result.inliers << " of " << result.used << " features within " << options.inlier_distance << " px";
+  if (!summary.IsSolutionUsable() || !result.T_10.R.allFinite() || !result.T_10.t.allFinite()) {
+    result.status = Status::diverged;
+    result.reason = "pose refinement failed: " + summary.message;
+    return false;
+  }
+  if (result.inliers < options.min_inlier_share * result.used || result.inliers < options.min_features) {
+    result.status = Status::diverged;
+    why << ", " << std::max<double>(options.min_features, std::ceil(options.min_inlier_share * result.used)) << " needed";
+    result.reason = why.str();
+    return false;
+  }
+  result.status = summary.termination_type == ceres::CONVERGENCE ? Status::converged : Status::max_iterations;
+  if (result.status == Status::max_iterations) why << ", still moving after " << result.iterations << " iterations";
+  result.reason = why.str();
+  return result.status == Status::converged;
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,76 @@
+#pragma once
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+#include <ceres/ceres.h>
+
+#include <iclk/align/camera.h>
+#include <iclk/align/features.h>
+#include <iclk/refine/pose.h>
+
+namespace iclk::internal {
+
+/// T_10 as Ceres sees it: R column by column, then t.
+using PoseBlock = Eigen::Matrix<double, 12, 1>;
+PoseBlock to_block(const SE3& T);
+SE3 to_pose(const double* block);
+
+/// T_10 Exp(xi), so that Ceres's tangent space is our twist [rho, phi].
+class PoseManifold final : public ceres::Manifold {
+ public:
+  int AmbientSize() const override { return 12; }
+  int TangentSize() const override { return 6; }
+  bool Plus(const double* x, const double* xi, double* x_plus_xi) const override;
+  bool PlusJacobian(const double* x, double* jacobian) const override;
+  bool Minus(const double* y, const double* x, double* y_minus_x) const override;
+  bool MinusJacobian(const double* x, double* jacobian) const override;
+};
+
+/// W (project(R ray + q t) - uv1): linear in the pose block up to the projection, and finite for points at any distance.
+class ReprojectionCost final : public ceres::SizedCostFunction<2, 12, 1> {
+ public:
+  ReprojectionCost(const Camera& camera, const Eigen::Vector2d& uv0, const Eigen::Vector2d& uv1, const Eigen::Matrix2d& W)
+      : camera_(camera), ray_(camera.ray(uv0)), uv1_(uv1), W_(W) {}
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
+
+ private:
+  Camera camera_;
+  Eigen::Vector3d ray_;
+  Eigen::Vector2d uv1_;
+  Eigen::Matrix2d W_;
+};
+
+/// sigma_0 (covariance + sigma_0^2 I)^-1/2, symmetric.
+Eigen::Matrix2d whitening(const Eigen::Matrix2d& covariance, double sigma_0);
+
+/// A feature that takes part.
+struct Observation {
+  int feature = 0;
+  Eigen::Vector2d uv0, uv1;
+  double q = 0;
+  Eigen::Matrix2d W;
+};
+
+/// Aligned features in front of camera 1. Throws Error(invalid_argument) for lengths that differ and a pose that is not finite.
+std::vector<Observation> observations(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                                      const SE3& T_10, double sigma_0);
+
+/// Residuals of the observations at T_10, whitened; a point behind the camera is infinitely far off.
+std::vector<double> residual_norms(const Camera& camera, std::span<const Observation> observations, const SE3& T_10);
+
+/// rho(r^2) / 2 of the Cauchy loss, mean.
+double cauchy_cost(std::span<const double> norms, double scale);
+
+/// What the M-estimator makes of residuals that do not all come from one Gaussian: with psi(r) = w r,
+///   covariance = factor (J^T W J)^-1,   factor = [sum |psi|^2 / (2 n - p)] mean(w) / mean(w^2)^2
+/// (Huber 1981, 7.6; mean psi' of the Cauchy loss in two dimensions is the mean of w^2).
+double variance_factor(std::span<const double> norms, double scale, int parameters);
+
+ceres::Solver::Options solver_options(int iterations);
+
+/// used, inliers, cost and status from the residuals at the final pose; true if the pose may be called converged.
+bool judge(std::span<const Observation> observations, const Camera& camera, const ceres::Solver::Summary& summary,
+           const PoseOptions& options, PoseResult& result);
+
+}  // namespace iclk::internal

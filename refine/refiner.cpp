@@ -1,0 +1,229 @@
+#include <iclk/refine/refiner.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <sstream>
+
+#include <iclk/refine/internal/options_check.h>
+#include <iclk/refine/internal/reprojection.h>
+#include <iclk/shaders/shared.h>
+
+namespace iclk {
+namespace {
+
+class Stopwatch {
+ public:
+  double ms() const { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start_).count(); }
+
+ private:
+  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+};
+
+bool usable(Status s) { return s == Status::converged || s == Status::max_iterations; }
+
+Stage& stage(RefinedAlignment& r, const char* name) {
+  for (Stage& s : r.stages)
+    if (s.name == name) return s;
+  r.stages.push_back({name, r.T_10, 0, 0});
+  return r.stages.back();
+}
+
+/// What refinement knows of one pair.
+struct View {
+  const Camera& camera;
+  const Features& features;
+  const std::vector<FeatureCheck>& checks;
+};
+
+/// Patch centre inside image 1 by the patch's half width.
+bool is_visible(const View& view, size_t i, const SE3& T_10) {
+  if (view.checks[i] != FeatureCheck::ok) return false;
+  const PatchWarp w = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], T_10);
+  const double margin = 0.5 * (ICLK_PATCH - 1);
+  return w.valid && w.uv1.x() >= margin && w.uv1.y() >= margin && w.uv1.x() <= view.camera.width - 1 - margin &&
+         w.uv1.y() <= view.camera.height - 1 - margin;
+}
+
+/// How far each feature moves in image 1 from pose a to pose b, px; infinite where one of them puts it behind the camera. Sorted.
+std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
+  std::vector<double> m;
+  for (size_t i = 0; i < view.checks.size(); ++i) {
+    if (view.checks[i] != FeatureCheck::ok) continue;
+    const PatchWarp wa = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], a);
+    const PatchWarp wb = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], b);
+    m.push_back(wa.valid && wb.valid ? (wb.uv1 - wa.uv1).norm() : std::numeric_limits<double>::infinity());
+  }
+  std::sort(m.begin(), m.end());
+  return m;
+}
+
+std::vector<bool> aligned_set(const std::vector<AlignedFeature>& features) {
+  std::vector<bool> set;
+  for (const AlignedFeature& f : features) set.push_back(f.status == FeatureStatus::aligned);
+  return set;
+}
+
+/// The verdict over the whole way; `pose` is the last round's.
+void decide(const View& view, const PoseResult& pose, const RefinerOptions& options, RefinedAlignment& r) {
+  r.visible = 0;
+  int candidates = 0;  // visible and textured: the rest says nothing about the pose
+  for (size_t i = 0; i < view.checks.size(); ++i) {
+    if (!is_visible(view, i, pose.T_10)) continue;
+    ++r.visible;
+    candidates += r.features[i].status != FeatureStatus::low_texture;
+  }
+  r.aligned = count_aligned(r.features);
+  r.inliers = pose.inliers;
+  r.sigma = pose.sigma;
+  std::ostringstream why;
+  const auto end = [&](Status status) {
+    r.status = status;
+    r.reason = why.str();
+  };
+  if (candidates < options.min_aligned && r.aligned < options.min_aligned) {
+    why << candidates << " features with texture inside the target, " << options.min_aligned << " needed; " << summary(r.features);
+    return end(Status::too_few_features);
+  }
+  const int needed = std::max(options.min_aligned, static_cast<int>(std::ceil(options.min_aligned_share * candidates)));
+  if (r.aligned < needed) {
+    why << "the features do not confirm the pose: " << needed << " of " << candidates << " visible ones needed; " << summary(r.features);
+    return end(Status::diverged);
+  }
+  if (!usable(pose.status)) {
+    why << "pose refinement: " << pose.reason;
+    return end(pose.status);
+  }
+  const std::vector<double> moved = motions(view, r.iclk.T_10, pose.T_10);
+  const double median = moved[moved.size() / 2];
+  if (!(median <= options.max_correction)) {
+    why << "refinement moved the features by " << median << " px (median), more than the " << options.max_correction
+        << " px that it may correct";
+    return end(Status::diverged);
+  }
+  why << r.aligned << " of " << r.visible << " visible features aligned, " << r.inliers << " agree on the pose, residual sigma "
+      << r.sigma << " px, " << r.rounds << (r.rounds == 1 ? " round" : " rounds");
+  if (pose.status == Status::max_iterations) why << "; " << pose.reason;
+  end(pose.status);
+}
+
+}  // namespace
+
+void RefinerOptions::check() const {
+  feature_alignment.check();
+  StructureOptions{pose, relative_sigma}.check();
+  check_range("refine rounds", rounds, 1, 100);
+  check_range("refine round_tolerance", round_tolerance, 0, 100);
+  check_range("refine min_aligned", min_aligned, 4, 1e6);
+  check_range("refine min_aligned_share", min_aligned_share, 0, 1);
+  check_range("refine max_correction", max_correction, 0, 1e4);
+}
+
+Refiner::Refiner(Aligner& aligner, const RefinerOptions& options)
+    : Refiner(aligner, make_feature_aligner(aligner, options.feature_alignment), options) {}
+
+Refiner::Refiner(Aligner& aligner, std::unique_ptr<FeatureAligner> feature_aligner, const RefinerOptions& options)
+    : aligner_(aligner), feature_aligner_(std::move(feature_aligner)), options_(options) {
+  options_.check();
+}
+
+Refiner::~Refiner() = default;
+
+std::vector<RefinedAlignment> Refiner::align(std::span<const Pair> pairs) {
+  std::vector<RefinedAlignment> results(pairs.size());
+  const size_t batch = static_cast<size_t>(std::max(1, aligner_.plan().max_pairs));
+  for (size_t first = 0; first < pairs.size(); first += batch) {
+    const size_t n = std::min(batch, pairs.size() - first);
+    refine(pairs.subspan(first, n), std::span(results).subspan(first, n));
+  }
+  return results;
+}
+
+void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results) {
+  const Stopwatch iclk_time;
+  std::vector<Alignment> alignments = aligner_.align(pairs);
+  const double iclk_ms = iclk_time.ms() / static_cast<double>(pairs.size());
+
+  const auto view = [&](size_t i) {
+    const int slot = pairs[i].reference;
+    return View{aligner_.camera(slot), aligner_.features(slot), aligner_.checks(slot)};
+  };
+  std::vector<size_t> active;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    RefinedAlignment& r = results[i];
+    r.iclk = std::move(alignments[i]);
+    r.T_10 = r.iclk.T_10;
+    r.status = r.iclk.status;
+    r.reason = r.iclk.reason;
+    r.inverse_depth = view(i).features.inverse_depth;
+    r.stages.push_back({"iclk", r.iclk.T_10, r.iclk.cost, iclk_ms});
+    if (usable(r.status)) active.push_back(i);
+  }
+
+  std::vector<SE3> T(pairs.size());  // the pose that warps the next round
+  std::vector<PoseResult> poses(pairs.size());
+  for (size_t i : active) T[i] = results[i].T_10;
+  for (int round = 0; round < options_.rounds && !active.empty(); ++round) {
+    std::vector<FeatureAlignmentTask> tasks;
+    for (size_t i : active) tasks.push_back({pairs[i].reference, static_cast<int>(i), T[i]});
+    const Stopwatch alignment_time;
+    std::vector<std::vector<AlignedFeature>> aligned = feature_aligner_->align(tasks);
+    const double alignment_ms = alignment_time.ms() / static_cast<double>(tasks.size());
+
+    std::vector<size_t> moving;
+    for (size_t k = 0; k < active.size(); ++k) {
+      const size_t i = active[k];
+      RefinedAlignment& r = results[i];
+      const bool same_set = round > 0 && aligned_set(r.features) == aligned_set(aligned[k]);
+      r.features = std::move(aligned[k]);
+      r.rounds = round + 1;
+      const Stopwatch pose_time;
+      const PoseResult pose = refine_pose(view(i).camera, view(i).features, r.features, T[i], options_.pose);
+      Stage& alignment_stage = stage(r, "feature_alignment");
+      alignment_stage.T_10 = T[i];
+      alignment_stage.cost = pose.initial_cost;
+      alignment_stage.ms += alignment_ms;
+      Stage& pose_stage = stage(r, "pose");
+      pose_stage.T_10 = pose.T_10;
+      pose_stage.cost = pose.cost;
+      pose_stage.ms += pose_time.ms();
+      poses[i] = pose;
+      // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
+      if (pose.inliers < options_.pose.min_features) continue;
+      const std::vector<double> moved = motions(view(i), T[i], pose.T_10);
+      T[i] = pose.T_10;
+      if (!(moved.back() <= options_.round_tolerance) || (round > 0 && !same_set)) moving.push_back(i);
+    }
+    active = std::move(moving);
+  }
+
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    RefinedAlignment& r = results[i];
+    if (r.rounds == 0) continue;
+    decide(view(i), poses[i], options_, r);
+    if (!usable(r.status)) continue;  // T_10 stays ICLK's
+    r.T_10 = poses[i].T_10;
+    r.covariance = poses[i].covariance;
+    if (!options_.structure) continue;
+    const Stopwatch structure_time;
+    StructureResult s = refine_structure(view(i).camera, view(i).features, r.features, r.T_10, {options_.pose, options_.relative_sigma});
+    Stage& structure_stage = stage(r, "structure");
+    structure_stage.T_10 = s.pose.T_10;
+    structure_stage.cost = s.pose.cost;
+    structure_stage.ms = structure_time.ms();
+    if (!usable(s.pose.status)) {
+      r.status = s.pose.status;
+      r.reason = "structure: " + s.pose.reason;
+      r.covariance.setZero();
+      continue;
+    }
+    r.T_10 = s.pose.T_10;
+    r.covariance = s.pose.covariance;
+    r.inverse_depth = std::move(s.inverse_depth);
+    r.inverse_depth_sigma = std::move(s.inverse_depth_sigma);
+    r.inliers = s.pose.inliers;
+    r.sigma = s.pose.sigma;
+  }
+}
+
+}  // namespace iclk

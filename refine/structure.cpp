@@ -1,0 +1,115 @@
+#include <iclk/refine/structure.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <ceres/ceres.h>
+
+#include <iclk/refine/internal/options_check.h>
+#include <iclk/refine/internal/reprojection.h>
+
+namespace iclk {
+namespace {
+
+/// weight (q - q0).
+class DepthPriorCost final : public ceres::SizedCostFunction<1, 1> {
+ public:
+  DepthPriorCost(double q0, double weight) : q0_(q0), weight_(weight) {}
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    residuals[0] = weight_ * (parameters[0][0] - q0_);
+    if (jacobians != nullptr && jacobians[0] != nullptr) jacobians[0][0] = weight_;
+    return true;
+  }
+
+ private:
+  double q0_, weight_;
+};
+
+std::vector<double> prior_sigmas(const Features& features, double relative_sigma) {
+  std::vector<double> sigmas(features.uv.size(), 0.0);
+  for (size_t i = 0; i < sigmas.size(); ++i) {
+    const double q = features.inverse_depth[i];
+    if (!std::isfinite(q) || q <= 0) continue;
+    const double given = features.inverse_depth_sigma.empty() ? 0 : features.inverse_depth_sigma[i];
+    sigmas[i] = std::isfinite(given) && given > 0 ? given : relative_sigma * q;
+  }
+  return sigmas;
+}
+
+}  // namespace
+
+void StructureOptions::check() const {
+  pose.check();
+  check_range("structure relative_sigma", relative_sigma, 1e-6, 10);
+}
+
+StructureResult refine_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                                 const SE3& T_10, const StructureOptions& options) {
+  options.check();
+  StructureResult result;
+  // The pose alone first: it weeds out what a free depth would explain away.
+  result.pose = refine_pose(camera, features, aligned, T_10, options.pose);
+  result.inverse_depth = features.inverse_depth;
+  result.inverse_depth_sigma = prior_sigmas(features, options.relative_sigma);
+  if (result.pose.status != Status::converged && result.pose.status != Status::max_iterations) return result;
+
+  const double sigma_0 = options.pose.min_sigma;
+  std::vector<internal::Observation> used = internal::observations(camera, features, aligned, result.pose.T_10, sigma_0);
+  internal::PoseBlock pose = internal::to_block(result.pose.T_10);
+  ceres::Problem problem;
+  problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
+  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
+  ordering->AddElementToGroup(pose.data(), 1);
+  for (internal::Observation& o : used) {
+    const double sigma_q = result.inverse_depth_sigma[o.feature];
+    problem.AddResidualBlock(new internal::ReprojectionCost(camera, o.uv0, o.uv1, o.W),
+                             new ceres::CauchyLoss(options.pose.cauchy_scale), pose.data(), &o.q);
+    problem.AddResidualBlock(new DepthPriorCost(o.q, sigma_0 / sigma_q), nullptr, &o.q);
+    problem.SetParameterLowerBound(&o.q, 0, 1e-3 * o.q);  // a depth stays in front of the camera
+    ordering->AddElementToGroup(&o.q, 0);
+  }
+  ceres::Solver::Options solver = internal::solver_options(options.pose.iterations);
+  solver.linear_solver_type = ceres::DENSE_SCHUR;
+  solver.linear_solver_ordering = ordering;
+  ceres::Solver::Summary summary;
+  ceres::Solve(solver, &problem, &summary);
+
+  PoseResult& p = result.pose;
+  const PoseResult pose_only = p;
+  p.covariance.setZero();
+  p.iterations += summary.num_successful_steps + summary.num_unsuccessful_steps;
+  p.report = summary.BriefReport();
+  p.T_10 = internal::to_pose(pose.data());
+  if (p.T_10.R.allFinite()) p.T_10.orthonormalize();
+  if (!internal::judge(used, camera, summary, options.pose, p)) {
+    if (!summary.IsSolutionUsable()) p.T_10 = pose_only.T_10;
+    return result;
+  }
+  for (const internal::Observation& o : used) result.inverse_depth[o.feature] = o.q;
+
+  std::vector<std::pair<const double*, const double*>> blocks{{pose.data(), pose.data()}};
+  for (const internal::Observation& o : used) blocks.emplace_back(&o.q, &o.q);
+  ceres::Covariance::Options covariance_options;
+  covariance_options.algorithm_type = ceres::SPARSE_QR;
+  ceres::Covariance covariance(covariance_options);
+  if (!covariance.Compute(blocks, &problem)) {
+    p.status = Status::degenerate;
+    p.reason = "the aligned features do not determine pose and inverse depths";
+    return result;
+  }
+  // The priors are in units of sigma_0, so the residuals are too: their variance is sigma_0^2 by construction. Where they turn out
+  // larger than that, priors and positions were both too sure of themselves.
+  const std::vector<double> norms = internal::residual_norms(camera, used, p.T_10);
+  const double variance = std::max(sigma_0 * sigma_0, internal::variance_factor(norms, options.pose.cauchy_scale, 6));
+  Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
+  covariance.GetCovarianceBlockInTangentSpace(pose.data(), pose.data(), C.data());
+  p.covariance = variance * C;
+  for (const internal::Observation& o : used) {
+    double c = 0;
+    covariance.GetCovarianceBlock(&o.q, &o.q, &c);
+    result.inverse_depth_sigma[o.feature] = std::sqrt(variance * c);
+  }
+  return result;
+}
+
+}  // namespace iclk
