@@ -1,0 +1,179 @@
+#include <iclk/engine/context.h>
+
+#include <iclk/engine/instance.h>
+#include <iclk/engine/result.h>
+
+namespace iclk::engine {
+namespace {
+
+/// The host's lock, released on every way out.
+class HostLock {
+ public:
+  HostLock(const std::function<void()>& lock, const std::function<void()>& unlock) : unlock_(unlock) {
+    if (lock) lock();
+  }
+  ~HostLock() {
+    if (unlock_) unlock_();
+  }
+  HostLock(const HostLock&) = delete;
+  HostLock& operator=(const HostLock&) = delete;
+
+ private:
+  const std::function<void()>& unlock_;
+};
+
+}  // namespace
+
+struct ContextBuilder {
+  static std::shared_ptr<Context> make() { return std::shared_ptr<Context>(new Context); }
+
+  /// Everything that follows from the physical device and the queue family.
+  static void describe(Context& c, const DeviceCapabilities& capabilities) {
+    const InstanceFunctions& vk = c.instance_functions_;
+    c.info_ = info_of(vk, c.physical_device_, capabilities);
+    c.limits_ = capabilities.limits;
+    c.timestamp_valid_bits_ = capabilities.queue_families[c.queue_family_].timestampValidBits;
+    vk.GetPhysicalDeviceMemoryProperties(c.physical_device_, &c.memory_);
+    VkPhysicalDeviceMaintenance3Properties maintenance{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES};
+    VkPhysicalDeviceProperties2 properties{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, &maintenance};
+    vk.GetPhysicalDeviceProperties2(c.physical_device_, &properties);
+    c.max_allocation_ = maintenance.maxMemoryAllocationSize;
+  }
+
+  static void make_pipeline_cache(Context& c) {
+    const VkPipelineCacheCreateInfo info{VK_STRUCTURE_TYPE_PIPELINE_CACHE_CREATE_INFO, nullptr, 0, 0, nullptr};
+    check(c.vk_.CreatePipelineCache(c.device_, &info, nullptr, &c.pipeline_cache_), "vkCreatePipelineCache");
+    c.owns_pipeline_cache_ = true;
+  }
+
+  static std::shared_ptr<Context> create(const ContextOptions& options);
+  static std::shared_ptr<Context> adopt(const HostDevice& host);
+};
+
+std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
+  const auto instance = std::make_shared<Instance>(options.validation, options.on_message);
+  const InstanceFunctions& vk = instance->functions();
+  const std::vector<VkPhysicalDevice> devices = instance->physical_devices();
+  std::vector<DeviceCapabilities> capabilities;
+  std::vector<DeviceInfo> infos;
+  for (VkPhysicalDevice device : devices) {
+    capabilities.push_back(capabilities_of(vk, device));
+    infos.push_back(info_of(vk, device, capabilities.back()));
+  }
+  const DeviceChoice choice = choose_device(infos, options.device);
+
+  const auto context = make();
+  Context& c = *context;
+  c.keep_alive_ = instance;
+  c.instance_functions_ = vk;
+  c.instance_ = instance->handle();
+  c.physical_device_ = devices[choice.index];
+  c.cpu_unasked_ = choice.cpu_unasked;
+  const DeviceRequirements needed = requirements();
+  c.queue_family_ =
+      static_cast<uint32_t>(choose_queue_family(capabilities[choice.index].queue_families, needed.queue_flags));
+
+  const float priority = 1.0f;
+  VkDeviceQueueCreateInfo queue{VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO};
+  queue.queueFamilyIndex = c.queue_family_;
+  queue.queueCount = 1;
+  queue.pQueuePriorities = &priority;
+  std::vector<const char*> extensions;
+  for (const std::string& extension : needed.device_extensions) extensions.push_back(extension.c_str());
+  VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO};
+  info.queueCreateInfoCount = 1;
+  info.pQueueCreateInfos = &queue;
+  info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
+  info.pEnabledFeatures = &needed.features;
+  VkDevice device = VK_NULL_HANDLE;
+  check(vk.CreateDevice(c.physical_device_, &info, nullptr, &device), "vkCreateDevice", infos[choice.index].name);
+  try {
+    c.vk_ = load_device_functions(vk.GetDeviceProcAddr, device);
+  } catch (...) {
+    const auto destroy = reinterpret_cast<PFN_vkDestroyDevice>(vk.GetDeviceProcAddr(device, "vkDestroyDevice"));
+    if (destroy) destroy(device, nullptr);
+    throw;
+  }
+  c.device_ = device;
+  c.owns_device_ = true;
+  c.vk_.GetDeviceQueue(device, c.queue_family_, 0, &c.queue_);
+  describe(c, capabilities[choice.index]);
+  make_pipeline_cache(c);
+  if (instance->validation())
+    c.set_name_ = reinterpret_cast<PFN_vkSetDebugUtilsObjectNameEXT>(
+        instance->get_instance_proc_addr()(c.instance_, "vkSetDebugUtilsObjectNameEXT"));
+  return context;
+}
+
+std::shared_ptr<Context> ContextBuilder::adopt(const HostDevice& host) {
+  const auto reject = [](const std::string& why) { throw Error(ErrorCode::invalid_argument, "HostDevice: " + why); };
+  if (!host.instance) reject("instance is null");
+  if (!host.physical_device) reject("physical_device is null");
+  if (!host.device) reject("device is null");
+  if (!host.queue) reject("queue is null");
+  if (static_cast<bool>(host.lock_queue) != static_cast<bool>(host.unlock_queue))
+    reject("lock_queue and unlock_queue must be given together");
+
+  const auto context = make();
+  Context& c = *context;
+  PFN_vkGetInstanceProcAddr get = host.get_instance_proc_addr;
+  if (!get) {
+    const auto loader = std::make_shared<Loader>();
+    c.keep_alive_ = loader;
+    get = loader->get_instance_proc_addr();
+  }
+  c.instance_functions_ = load_instance_functions(get, host.instance);
+  const DeviceCapabilities capabilities = capabilities_of(c.instance_functions_, host.physical_device);
+  const auto& families = capabilities.queue_families;
+  if (host.queue_family >= families.size())
+    reject("queue_family " + std::to_string(host.queue_family) + " does not exist; the device has " + std::to_string(families.size()));
+  if (!(families[host.queue_family].queueFlags & VK_QUEUE_COMPUTE_BIT))
+    reject("queue_family " + std::to_string(host.queue_family) + " has no COMPUTE; see requirements().queue_flags");
+  c.instance_ = host.instance;
+  c.physical_device_ = host.physical_device;
+  c.queue_family_ = host.queue_family;
+  describe(c, capabilities);
+  if (!c.info_.rejected.empty()) throw Error(ErrorCode::unsupported, c.info_.name + ": " + c.info_.rejected);
+  c.vk_ = load_device_functions(c.instance_functions_.GetDeviceProcAddr, host.device);
+  c.device_ = host.device;
+  c.queue_ = host.queue;
+  c.lock_queue_ = host.lock_queue;
+  c.unlock_queue_ = host.unlock_queue;
+  c.pipeline_cache_ = host.pipeline_cache;
+  if (!c.pipeline_cache_) make_pipeline_cache(c);
+  return context;
+}
+
+Context::~Context() {
+  if (owns_pipeline_cache_) vk_.DestroyPipelineCache(device_, pipeline_cache_, nullptr);
+  if (owns_device_) vk_.DestroyDevice(device_, nullptr);
+}
+
+void Context::submit(VkCommandBuffer commands, VkFence fence) const {
+  VkSubmitInfo info{VK_STRUCTURE_TYPE_SUBMIT_INFO};
+  info.commandBufferCount = 1;
+  info.pCommandBuffers = &commands;
+  const std::lock_guard lock(queue_mutex_);
+  const HostLock host_lock(lock_queue_, unlock_queue_);
+  check(vk_.QueueSubmit(queue_, 1, &info, fence), "vkQueueSubmit", info_.name);
+}
+
+void Context::name_object(VkObjectType type, uint64_t handle, const std::string& name) const {
+  if (!set_name_) return;
+  const VkDebugUtilsObjectNameInfoEXT info{VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT, nullptr, type, handle, name.c_str()};
+  set_name_(device_, &info);  // a name that is not taken harms nobody
+}
+
+std::vector<DeviceInfo> list_devices() {
+  const Instance instance(false, {});
+  std::vector<DeviceInfo> infos;
+  for (VkPhysicalDevice device : instance.physical_devices())
+    infos.push_back(info_of(instance.functions(), device, capabilities_of(instance.functions(), device)));
+  return infos;
+}
+
+std::shared_ptr<Context> create_context(const ContextOptions& options) { return ContextBuilder::create(options); }
+std::shared_ptr<Context> adopt_device(const HostDevice& host) { return ContextBuilder::adopt(host); }
+
+}  // namespace iclk::engine

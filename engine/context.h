@@ -1,0 +1,109 @@
+#pragma once
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <vector>
+
+#include <iclk/engine/device_ranking.h>
+#include <iclk/engine/requirements.h>
+#include <iclk/engine/vulkan_functions.h>
+
+namespace iclk::engine {
+
+enum class MessageSeverity { info, warning, error };
+
+struct ContextOptions {
+  std::string device;       ///< request of choose_device(): empty, index, part of a name, UUID
+  bool validation = false;  ///< VK_LAYER_KHRONOS_validation with synchronization validation; Error(unsupported) where it is missing
+  /// Receives what validation has to say. May be called from any thread that uses the context, one call at a time.
+  std::function<void(MessageSeverity, const std::string&)> on_message;
+};
+
+/// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is
+/// ever destroyed by us, and no other queue is touched.
+struct HostDevice {
+  VkInstance instance = VK_NULL_HANDLE;              ///< made with VkApplicationInfo::apiVersion >= 1.1
+  VkPhysicalDevice physical_device = VK_NULL_HANDLE;
+  VkDevice device = VK_NULL_HANDLE;
+  VkQueue queue = VK_NULL_HANDLE;                    ///< for blocking calls; of queue_family. Foreign recordings never touch it
+  uint32_t queue_family = 0;                         ///< with COMPUTE; graphics is not needed
+  PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;  ///< null: libvulkan.so.1 is opened
+  /// Called around every vkQueueSubmit on `queue`, if the application uses that queue from other threads. Both or neither.
+  std::function<void()> lock_queue, unlock_queue;
+  VkPipelineCache pipeline_cache = VK_NULL_HANDLE;   ///< null: the context makes its own
+};
+
+/// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions hold a shared_ptr to it, so the order
+/// in which they are destroyed does not matter. Nothing is shared between contexts.
+class Context {
+ public:
+  ~Context();
+  Context(const Context&) = delete;
+  Context& operator=(const Context&) = delete;
+
+  const DeviceFunctions& vk() const { return vk_; }
+  const InstanceFunctions& instance_functions() const { return instance_functions_; }
+  VkInstance instance() const { return instance_; }
+  VkPhysicalDevice physical_device() const { return physical_device_; }
+  VkDevice device() const { return device_; }
+  VkQueue queue() const { return queue_; }
+  uint32_t queue_family() const { return queue_family_; }
+  VkPipelineCache pipeline_cache() const { return pipeline_cache_; }
+  bool owns_device() const { return owns_device_; }
+
+  const DeviceInfo& info() const { return info_; }
+  const VkPhysicalDeviceLimits& limits() const { return limits_; }
+  const VkPhysicalDeviceMemoryProperties& memory_properties() const { return memory_; }
+  VkDeviceSize max_allocation() const { return max_allocation_; }  ///< bytes of one vkAllocateMemory
+  /// CPU or integrated: device memory is host memory, and buffers of MemoryKind::device are mapped where possible.
+  bool unified_memory() const { return info_.type == DeviceType::cpu || info_.type == DeviceType::integrated; }
+
+  double timestamp_period() const { return limits_.timestampPeriod; }      ///< nanoseconds a tick
+  uint32_t timestamp_valid_bits() const { return timestamp_valid_bits_; }  ///< 0: this queue has no timestamps
+
+  /// A CPU device was taken although nobody asked for it: the application should say so, with info().name.
+  bool cpu_unasked() const { return cpu_unasked_; }
+
+  /// vkQueueSubmit of one command buffer under our mutex and the host's lock. Throws Error(device_lost), Error(out_of_memory).
+  void submit(VkCommandBuffer commands, VkFence fence) const;
+
+  /// Gives an object the name by which validation and debuggers call it. Does nothing without validation.
+  void name_object(VkObjectType type, uint64_t handle, const std::string& name) const;
+
+ private:
+  friend struct ContextBuilder;
+  Context() = default;
+
+  std::shared_ptr<void> keep_alive_;  // our instance, or the loader of an adopted one; outlives the device
+  InstanceFunctions instance_functions_;
+  DeviceFunctions vk_;
+  VkInstance instance_ = VK_NULL_HANDLE;
+  VkPhysicalDevice physical_device_ = VK_NULL_HANDLE;
+  VkDevice device_ = VK_NULL_HANDLE;
+  VkQueue queue_ = VK_NULL_HANDLE;
+  uint32_t queue_family_ = 0, timestamp_valid_bits_ = 0;
+  VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
+  bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false;
+  DeviceInfo info_;
+  VkPhysicalDeviceLimits limits_{};
+  VkPhysicalDeviceMemoryProperties memory_{};
+  VkDeviceSize max_allocation_ = 0;
+  mutable std::mutex queue_mutex_;
+  std::function<void()> lock_queue_, unlock_queue_;
+  PFN_vkSetDebugUtilsObjectNameEXT set_name_ = nullptr;
+};
+
+/// Every Vulkan device of this machine, usable or not (DeviceInfo::rejected). The index is the one that ContextOptions::device takes.
+/// Throws Error(no_driver) without a Vulkan loader or driver; an empty list when drivers find no device.
+std::vector<DeviceInfo> list_devices();
+
+/// Chooses a device and creates it, with one queue: compute without graphics where there is such a family.
+/// Throws Error(no_driver), Error(no_device), Error(unsupported: validation layer), Error(vulkan).
+std::shared_ptr<Context> create_context(const ContextOptions& options = {});
+
+/// Takes a device of the application. Throws Error(invalid_argument) for a null handle, one lock callback without the other, a
+/// queue family that does not exist or cannot compute; Error(unsupported) with what requirements() misses.
+std::shared_ptr<Context> adopt_device(const HostDevice& host);
+
+}  // namespace iclk::engine

@@ -1,0 +1,47 @@
+#pragma once
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <iclk/engine/context.h>
+#include <iclk/engine/kernel.h>
+#include <iclk/engine/memory.h>
+
+namespace iclk::engine {
+
+/// How many descriptors a recording needs at most.
+struct ArenaSize {
+  uint32_t sets = 0, storage = 0, texel = 0, uniform = 0;
+  /// Room for `count` different sets of buffers bound to a kernel.
+  void add(const Kernel& kernel, uint32_t count = 1);
+};
+
+/// Descriptor sets of one recording. It must live, without reset(), as long as the command buffer may still be executed, so
+/// every recording into a foreign command buffer owns one. The same buffers bound to the same kernel take one set, however
+/// often they are dispatched. One thread at a time.
+class DescriptorArena {
+ public:
+  DescriptorArena(std::shared_ptr<const Context> context, const ArenaSize& size);
+  ~DescriptorArena();
+  DescriptorArena(const DescriptorArena&) = delete;
+  DescriptorArena& operator=(const DescriptorArena&) = delete;
+
+  /// The set that binds buffers[i] to binding i, whole. Throws Error(invalid_argument): the count differs from the kernel's, a null
+  /// buffer, a texel binding without a view, or the arena is full; Error(unsupported): beyond maxStorageBufferRange.
+  VkDescriptorSet set(const Kernel& kernel, std::span<const Buffer* const> buffers);
+
+  /// Frees every set. Precondition: no command buffer that uses them is pending or will be submitted again.
+  void reset();
+
+  uint32_t used() const { return static_cast<uint32_t>(sets_.size()); }
+
+ private:
+  std::shared_ptr<const Context> context_;
+  ArenaSize size_, used_;
+  VkDescriptorPool pool_ = VK_NULL_HANDLE;
+  std::map<std::vector<uint64_t>, VkDescriptorSet> sets_;  // by set layout and handles
+};
+
+}  // namespace iclk::engine

@@ -1,0 +1,54 @@
+#pragma once
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+
+namespace iclk::engine {
+
+/// In the order of preference.
+enum class DeviceType { discrete, integrated, virtual_gpu, cpu, other };
+const char* name(DeviceType type);
+
+/// What one Vulkan device says of itself.
+struct DeviceInfo {
+  std::string name;                    ///< "llvmpipe (LLVM 15.0.6, 256 bits)"
+  DeviceType type = DeviceType::other;
+  std::array<uint8_t, 16> uuid{};      ///< VkPhysicalDeviceIDProperties::deviceUUID
+  uint32_t api_version = 0;            ///< VK_MAKE_API_VERSION
+  uint32_t driver_version = 0;         ///< the vendor's own packing
+  std::string driver_name;             ///< "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"; empty where the driver does not tell
+  uint64_t device_memory = 0;          ///< bytes of the largest device-local heap
+  uint64_t max_storage_buffer_range = 0;    ///< bytes of one storage buffer binding
+  uint64_t max_texel_buffer_elements = 0;   ///< texels of one texel buffer
+  uint32_t max_workgroup_invocations = 0;
+  uint32_t max_shared_memory = 0;           ///< bytes of one workgroup
+  uint32_t subgroup_size = 0;               ///< invocations
+  uint32_t subgroup_operations = 0;         ///< VkSubgroupFeatureFlags in compute shaders; 0 = do not use subgroups
+  std::string rejected;                     ///< why iclk cannot use it; empty = usable
+};
+
+/// "9b1e6c0a-....": the form that choose_device accepts and `iclk devices` prints.
+std::string uuid_text(const std::array<uint8_t, 16>& uuid);
+
+/// "0 llvmpipe (LLVM 15.0.6, 256 bits) [cpu]; 1 Foo [discrete] rejected: Vulkan 1.0, needs 1.1", or "none".
+std::string describe(std::span<const DeviceInfo> devices);
+
+struct DeviceChoice {
+  size_t index = 0;
+  bool cpu_unasked = false;  ///< a CPU device was taken although the request did not name one: tell the user
+};
+
+/// Chooses among devices; touches no driver.
+///
+/// `request` is one of
+/// - empty: the best usable device, discrete before integrated, virtual, CPU, other; of equals the first;
+/// - an index into `devices`: decimal digits smaller than the count ("4090" is a name, not an index);
+/// - a UUID: 32 hexadecimal digits, dashes anywhere;
+/// - part of a name, in any case: of several matches the best usable one, in the same order as above.
+///
+/// Throws Error(no_device) that lists every device and why it was rejected: nothing matches, or nothing that matches is usable.
+DeviceChoice choose_device(std::span<const DeviceInfo> devices, std::string_view request);
+
+}  // namespace iclk::engine

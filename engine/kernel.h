@@ -1,0 +1,64 @@
+#pragma once
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include <iclk/engine/context.h>
+
+namespace iclk::engine {
+
+/// What a kernel does with the buffer of one binding; barriers follow from it, so it must be true.
+enum class BindingKind : uint8_t {
+  storage_read,        ///< readonly buffer
+  storage_write,       ///< writeonly buffer
+  storage_read_write,  ///< buffer
+  texel_read,          ///< (u)samplerBuffer / textureBuffer: a uniform texel buffer
+  uniform,             ///< uniform block
+};
+
+/// A compute shader with entry point main() and its bindings: set 0, binding i = bindings[i].
+struct KernelDescription {
+  const char* name = "";                  ///< of the stage, for messages and profiles
+  std::span<const uint32_t> spirv;        ///< read during construction only
+  std::vector<BindingKind> bindings;
+  uint32_t push_constant_bytes = 0;       ///< a multiple of 4
+  /// Element i is constant_id i, bit pattern of a 32-bit type (bool: 0 or 1). By convention id 0 is local_size_x_id where a
+  /// shader lets the host choose its workgroup. Ids that a shader does not declare are ignored by Vulkan.
+  std::vector<uint32_t> specialization;
+};
+
+/// A compute pipeline. Move only; keeps the context alive. May be used by any number of recorders at a time.
+class Kernel {
+ public:
+  Kernel() = default;
+  /// Throws Error(unsupported) for more bindings or push constants than the device has; Error(vulkan) naming the kernel.
+  Kernel(std::shared_ptr<const Context> context, const KernelDescription& description);
+  ~Kernel();
+  Kernel(Kernel&& other) noexcept;
+  Kernel& operator=(Kernel&& other) noexcept;
+
+  const std::string& name() const { return name_; }
+  std::span<const BindingKind> bindings() const { return bindings_; }
+  uint32_t push_constant_bytes() const { return push_constant_bytes_; }
+  VkPipeline pipeline() const { return pipeline_; }
+  VkPipelineLayout layout() const { return layout_; }
+  VkDescriptorSetLayout set_layout() const { return set_layout_; }
+  explicit operator bool() const { return pipeline_ != VK_NULL_HANDLE; }
+
+ private:
+  void create(const KernelDescription& description);
+  void destroy() noexcept;
+
+  std::shared_ptr<const Context> context_;
+  std::string name_;
+  std::vector<BindingKind> bindings_;
+  uint32_t push_constant_bytes_ = 0;
+  VkDescriptorSetLayout set_layout_ = VK_NULL_HANDLE;
+  VkPipelineLayout layout_ = VK_NULL_HANDLE;
+  VkPipeline pipeline_ = VK_NULL_HANDLE;
+};
+
+VkDescriptorType descriptor_type(BindingKind kind);
+
+}  // namespace iclk::engine

@@ -1,0 +1,20 @@
+#pragma once
+#include <memory>
+
+#include <vulkan/vulkan_core.h>
+
+namespace iclk::engine {
+
+/// The Vulkan loader of this machine, opened at run time: programs start, and their CPU solver works, where there is none.
+class Loader {
+ public:
+  /// Throws Error(no_driver) when libvulkan.so.1 cannot be opened.
+  Loader();
+  PFN_vkGetInstanceProcAddr get_instance_proc_addr() const { return get_; }
+
+ private:
+  std::shared_ptr<void> library_;
+  PFN_vkGetInstanceProcAddr get_ = nullptr;
+};
+
+}  // namespace iclk::engine

@@ -1,0 +1,165 @@
+#include <iclk/engine/memory.h>
+
+#include <utility>
+
+#include <iclk/engine/format.h>
+#include <iclk/engine/memory_layout.h>
+#include <iclk/engine/result.h>
+
+namespace iclk::engine {
+namespace {
+
+VkDeviceSize rounded(VkDeviceSize bytes) { return (bytes + 15) / 16 * 16; }
+
+/// Limits of the device that a single buffer may break.
+void check_limits(const Context& context, const BufferDescription& buffer) {
+  const VkPhysicalDeviceLimits& limits = context.limits();
+  const VkDeviceSize bytes = rounded(buffer.bytes);
+  const auto reject = [&](VkDeviceSize has, const char* limit, const std::string& needs) {
+    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + needs + ", " + context.info().name + " has " + limit +
+                                            " " + std::to_string(has) + "; plan smaller images or fewer pairs at a time");
+  };
+  if (has(buffer.use, BufferUse::storage) && bytes > limits.maxStorageBufferRange)
+    reject(limits.maxStorageBufferRange, "maxStorageBufferRange", bytes_in_words(bytes));
+  if (has(buffer.use, BufferUse::uniform) && bytes > limits.maxUniformBufferRange)
+    reject(limits.maxUniformBufferRange, "maxUniformBufferRange", bytes_in_words(bytes));
+  if (!has(buffer.use, BufferUse::texel)) return;
+  if (const VkDeviceSize texels = bytes / texel_bytes(buffer.texel_format); texels > limits.maxTexelBufferElements)
+    reject(limits.maxTexelBufferElements, "maxTexelBufferElements", std::to_string(texels) + " texels");
+  VkFormatProperties format;
+  context.instance_functions().GetPhysicalDeviceFormatProperties(context.physical_device(), buffer.texel_format, &format);
+  if (!(format.bufferFeatures & VK_FORMAT_FEATURE_UNIFORM_TEXEL_BUFFER_BIT))
+    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "': " + context.info().name + " has no texel buffers of VkFormat " +
+                                            std::to_string(buffer.texel_format));
+}
+
+VkBuffer create_buffer(const Context& context, const BufferDescription& buffer) {
+  check_limits(context, buffer);
+  // More than this no heap has, and no driver needs to be asked.
+  if (buffer.bytes > VkDeviceSize{1} << 48)
+    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + bytes_in_words(buffer.bytes));
+  VkBufferCreateInfo info{VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO};
+  info.size = rounded(buffer.bytes);
+  info.usage = VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
+  if (has(buffer.use, BufferUse::storage)) info.usage |= VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
+  if (has(buffer.use, BufferUse::texel)) info.usage |= VK_BUFFER_USAGE_UNIFORM_TEXEL_BUFFER_BIT;
+  if (has(buffer.use, BufferUse::uniform)) info.usage |= VK_BUFFER_USAGE_UNIFORM_BUFFER_BIT;
+  info.sharingMode = VK_SHARING_MODE_EXCLUSIVE;
+  VkBuffer handle = VK_NULL_HANDLE;
+  check(context.vk().CreateBuffer(context.device(), &info, nullptr, &handle), "vkCreateBuffer",
+        "'" + buffer.name + "' of " + bytes_in_words(info.size));
+  context.name_object(VK_OBJECT_TYPE_BUFFER, reinterpret_cast<uint64_t>(handle), buffer.name);
+  return handle;
+}
+
+VkMemoryRequirements requirements_of(const Context& context, VkBuffer buffer) {
+  VkMemoryRequirements needs;
+  context.vk().GetBufferMemoryRequirements(context.device(), buffer, &needs);
+  return needs;
+}
+
+MemoryLayout layout_of(const Context& context, const MemoryPlan& plan, const std::vector<VkMemoryRequirements>& needs) {
+  return place_buffers(plan.buffers(), needs, context.memory_properties(), context.unified_memory(), context.max_allocation());
+}
+
+}  // namespace
+
+const char* name(MemoryKind kind) {
+  switch (kind) {
+    case MemoryKind::device: return "device";
+    case MemoryKind::upload: return "upload";
+    case MemoryKind::readback: return "readback";
+  }
+  return "unknown";
+}
+
+BufferId MemoryPlan::add(BufferDescription description) {
+  if (description.bytes == 0) throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "' has 0 bytes");
+  if (has(description.use, BufferUse::texel) && texel_bytes(description.texel_format) == 0)
+    throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "': VkFormat " +
+                                                 std::to_string(description.texel_format) + " is no format for a texel buffer here");
+  buffers_.push_back(std::move(description));
+  return static_cast<BufferId>(buffers_.size() - 1);
+}
+
+MemoryBytes MemoryPlan::bytes(const Context& context) const {
+  std::vector<VkMemoryRequirements> needs;
+  for (const BufferDescription& buffer : buffers_) {
+    const VkBuffer handle = create_buffer(context, buffer);
+    needs.push_back(requirements_of(context, handle));
+    context.vk().DestroyBuffer(context.device(), handle, nullptr);
+  }
+  return layout_of(context, *this, needs).bytes();
+}
+
+Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& plan) : context_(std::move(context)) {
+  const DeviceFunctions& vk = context_->vk();
+  const VkDevice device = context_->device();
+  try {
+    std::vector<VkMemoryRequirements> needs;
+    for (const BufferDescription& description : plan.buffers()) {
+      Buffer& buffer = buffers_.emplace_back();
+      buffer.handle = create_buffer(*context_, description);
+      buffer.size = rounded(description.bytes);
+      needs.push_back(requirements_of(*context_, buffer.handle));
+    }
+    const MemoryLayout layout = layout_of(*context_, plan, needs);
+    bytes_ = layout.bytes();
+
+    std::vector<std::byte*> mapped;
+    for (const Chunk& chunk : layout.chunks) {
+      const VkMemoryAllocateInfo info{VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, nullptr, chunk.bytes, chunk.memory_type};
+      const std::string details = bytes_in_words(chunk.bytes) + " of " + name(chunk.kind) + " memory, " +
+                                  bytes_in_words(bytes_.total()) + " in all; plan smaller images or fewer pairs at a time";
+      VkDeviceMemory memory = VK_NULL_HANDLE;
+      check(vk.AllocateMemory(device, &info, nullptr, &memory), "vkAllocateMemory", details);
+      memory_.push_back(memory);
+      const VkMemoryPropertyFlags flags = context_->memory_properties().memoryTypes[chunk.memory_type].propertyFlags;
+      constexpr VkMemoryPropertyFlags mappable = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+      // A device that is not unified keeps its memory unmapped, so that code cannot come to rely on one vendor's window.
+      const bool map = (flags & mappable) == mappable && (chunk.kind != MemoryKind::device || context_->unified_memory());
+      void* address = nullptr;
+      if (map) check(vk.MapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &address), "vkMapMemory", details);
+      mapped.push_back(static_cast<std::byte*>(address));
+    }
+
+    for (size_t i = 0; i < buffers_.size(); ++i) {
+      Buffer& buffer = buffers_[i];
+      const Place& place = layout.places[i];
+      const BufferDescription& description = plan.buffers()[i];
+      check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory", description.name);
+      if (mapped[place.chunk]) buffer.mapped = mapped[place.chunk] + place.offset;
+      if (!has(description.use, BufferUse::texel)) continue;
+      const VkBufferViewCreateInfo view{VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle,
+                                        description.texel_format, 0, VK_WHOLE_SIZE};
+      check(vk.CreateBufferView(device, &view, nullptr, &buffer.view), "vkCreateBufferView", description.name);
+    }
+  } catch (...) {
+    destroy();
+    throw;
+  }
+}
+
+Workspace::~Workspace() { destroy(); }
+
+Workspace::Workspace(Workspace&& other) noexcept { *this = std::move(other); }
+
+Workspace& Workspace::operator=(Workspace&& other) noexcept {
+  std::swap(context_, other.context_);
+  std::swap(buffers_, other.buffers_);
+  std::swap(memory_, other.memory_);
+  std::swap(bytes_, other.bytes_);
+  return *this;
+}
+
+void Workspace::destroy() noexcept {
+  for (const Buffer& buffer : buffers_) {
+    if (buffer.view) context_->vk().DestroyBufferView(context_->device(), buffer.view, nullptr);
+    if (buffer.handle) context_->vk().DestroyBuffer(context_->device(), buffer.handle, nullptr);
+  }
+  for (VkDeviceMemory memory : memory_) context_->vk().FreeMemory(context_->device(), memory, nullptr);
+  buffers_.clear();
+  memory_.clear();
+}
+
+}  // namespace iclk::engine
