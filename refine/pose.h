@@ -15,7 +15,7 @@ struct PoseOptions {
   double min_sigma = 0.1;         ///< px: what a perfect patch is still wrong by (interpolation, depth, rolling surface); a floor of every covariance
   int iterations = 50;
   int min_features = 6;           ///< fewer aligned features end in too_few_features
-  double inlier_distance = 1;     ///< px of reprojection error
+  double inlier_distance = 1.5;   ///< px of reprojection error; wide enough for a lens whose distortion nobody gave us
   double min_inlier_share = 0.5;  ///< a smaller share of the aligned features ends in diverged
 
   /// Throws Error(invalid_argument) that names the value and its range.

@@ -81,13 +81,14 @@ void decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
     r.status = status;
     r.reason = why.str();
   };
-  if (candidates < options.min_aligned && r.aligned < options.min_aligned) {
-    why << candidates << " features with texture inside the target, " << options.min_aligned << " needed; " << summary(r.features);
+  if (candidates < options.min_inliers && r.inliers < options.min_inliers) {
+    why << candidates << " features with texture inside the target, " << options.min_inliers << " needed; " << summary(r.features);
     return end(Status::too_few_features);
   }
-  const int needed = std::max(options.min_aligned, static_cast<int>(std::ceil(options.min_aligned_share * candidates)));
-  if (r.aligned < needed) {
-    why << "the features do not confirm the pose: " << needed << " of " << candidates << " visible ones needed; " << summary(r.features);
+  const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(options.min_inlier_share * candidates)));
+  if (r.inliers < needed) {
+    why << "the features do not confirm the pose: " << r.inliers << " agree on it, " << needed << " of " << candidates
+        << " with texture inside the target needed; " << summary(r.features);
     return end(Status::diverged);
   }
   if (!usable(pose.status)) {
@@ -114,8 +115,8 @@ void RefinerOptions::check() const {
   StructureOptions{pose, relative_sigma}.check();
   check_range("refine rounds", rounds, 1, 100);
   check_range("refine round_tolerance", round_tolerance, 0, 100);
-  check_range("refine min_aligned", min_aligned, 4, 1e6);
-  check_range("refine min_aligned_share", min_aligned_share, 0, 1);
+  check_range("refine min_inliers", min_inliers, 4, 1e6);
+  check_range("refine min_inlier_share", min_inlier_share, 0, 1);
   check_range("refine max_correction", max_correction, 0, 1e4);
 }
 

@@ -150,9 +150,9 @@ ceres::Solver::Options solver_options(int iterations) {
   o.num_threads = 1;                 // the caller's threads are the caller's
   o.logging_type = ceres::SILENT;
   o.minimizer_progress_to_stdout = false;
-  o.function_tolerance = 1e-12;
-  o.gradient_tolerance = 1e-12;
-  o.parameter_tolerance = 1e-12;
+  o.function_tolerance = 1e-8;
+  o.gradient_tolerance = 1e-10;
+  o.parameter_tolerance = 1e-9;
   return o;
 }
 
