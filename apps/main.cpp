@@ -1,0 +1,50 @@
+#include <csignal>
+#include <cstdlib>
+#include <exception>
+#include <new>
+
+#include <spdlog/sinks/stdout_color_sinks.h>
+#include <spdlog/spdlog.h>
+
+#include "apps/command.h"
+#include "apps/io/images.h"
+
+namespace {
+
+int run(int argc, char** argv) {
+  CLI::App app("iclk: six-degree-of-freedom image alignment with sparse depth, on any Vulkan device");
+  app.set_version_flag("--version", ICLK_VERSION);
+  app.require_subcommand(1);
+  app.footer(std::string("Every subcommand has its own --help, with examples.\n") + iclk::kExitCodesHelp);
+  int exit = iclk::kConverged;
+  iclk::add_align(app, exit);
+  iclk::add_demo(app, exit);
+  iclk::add_devices(app, exit);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? iclk::kConverged : iclk::kUsage;
+  }
+  return exit;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  spdlog::set_default_logger(spdlog::stderr_color_st("iclk"));
+  spdlog::set_pattern("%n: %^%l%$: %v");
+  std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error that print() reports
+  iclk::prepare_opencv();
+  try {
+    return run(argc, argv);
+  } catch (const iclk::Error& e) {
+    spdlog::error("{}", e.what());
+    return iclk::exit_code(e.code());
+  } catch (const std::bad_alloc&) {
+    spdlog::error("not enough memory");
+    return iclk::kDeviceFailed;
+  } catch (const std::exception& e) {
+    spdlog::error("internal error: {}", e.what());
+    return iclk::kInternalError;
+  }
+}

@@ -1,0 +1,66 @@
+#pragma once
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+
+#include <opencv2/core.hpp>
+
+#include <iclk/align/features.h>
+#include <iclk/align/se3.h>
+
+#include "apps/detect.h"
+#include "apps/io/camera_file.h"
+#include "apps/io/distortion.h"
+
+namespace iclk {
+
+/// One pair as files.
+struct PairFiles {
+  std::string reference, target;
+  std::string depth;     ///< of the reference; may be empty if there are features
+  std::string features;  ///< CSV; empty: features are detected
+};
+
+/// How files become a pair.
+struct InputOptions {
+  CameraFile camera;
+  std::optional<Distortion> distortion;  ///< in place of the camera file's
+  double depth_scale = 0;                ///< raw units a metre; 0: the camera file's
+  DetectorOptions detector;
+};
+
+/// A pair in memory, as a pinhole camera would have seen it. All pixel coordinates are of the undistorted images.
+struct PairInput {
+  std::string name_0, name_1;  ///< for messages and pictures
+  cv::Mat image_0, image_1;    ///< as load_image gives them, of one size
+  cv::Mat depth_0;             ///< CV_32FC1 metres, 0 = none; empty: only the features have depth
+  Camera camera;
+  Features features;
+  SE3 T_10;                    ///< first guess
+  std::optional<SE3> truth;    ///< T_10
+  double load_ms = 0, detect_ms = 0;
+};
+
+/// Loads pairs of one camera. Thread-safe: a pool of threads may share it.
+class PairLoader {
+ public:
+  explicit PairLoader(InputOptions options);
+
+  /// Throws Error that names the file: missing, unreadable, of another size, without depth, ...
+  PairInput load(const PairFiles& files) const;
+
+ private:
+  std::shared_ptr<const Undistorter> undistorter(const Camera& camera) const;
+
+  InputOptions options_;
+  Distortion distortion_;
+  mutable std::mutex mutex_;
+  mutable Camera cached_camera_;
+  mutable std::shared_ptr<const Undistorter> cached_;  // its maps take longer to make than an image to load
+};
+
+/// A pair that is not in files (scenes, sequences in memory): detects features where there are none. Throws as PairLoader does.
+void detect_missing_features(PairInput& pair, const DetectorOptions& options, const cv::Mat& seen = {});
+
+}  // namespace iclk

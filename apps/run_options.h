@@ -1,0 +1,37 @@
+#pragma once
+#include <string>
+
+#include <CLI/CLI.hpp>
+
+#include "apps/pair_input.h"
+#include "apps/session.h"
+
+namespace iclk {
+
+/// The options that align, batch and bench share, as text until they are checked.
+struct RunOptions {
+  std::string solver = "host", device, robust = "huber", damping = "fixed";
+  AlignerOptions aligner;
+  RefinerOptions refiner;
+  bool no_photometric = false, no_refine = false, dense = false;
+
+  void add_to(CLI::App& command);
+  /// Throws Error(invalid_argument) that names the value.
+  SessionOptions session() const;
+};
+
+/// The options by which files become pairs.
+struct LoadOptions {
+  std::string camera, distortion, detector = "shi-tomasi";
+  double depth_scale = 0;
+  DetectorOptions features;
+
+  void add_to(CLI::App& command, bool camera_required);
+  /// Throws Error that names the value or the camera file.
+  InputOptions input() const;
+};
+
+/// Says on standard error what a person should know about the device that runs this.
+void report_device(const Session& session);
+
+}  // namespace iclk

@@ -1,0 +1,164 @@
+#include "apps/session.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+
+#include <iclk/engine/error.h>
+
+#include "apps/io/images.h"
+#include "apps/io/text.h"
+
+namespace iclk {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double ms_since(Clock::time_point start) { return std::chrono::duration<double, std::milli>(Clock::now() - start).count(); }
+
+/// A device format that loses nothing of the images.
+PixelFormat device_format(const PairInput& pair) {
+  const bool deep = pair.image_0.depth() != CV_8U || pair.image_1.depth() != CV_8U;
+  const bool colour = pair.image_0.channels() > 1 || pair.image_1.channels() > 1;
+  if (deep) return colour ? PixelFormat::rgba32f : PixelFormat::r32f;
+  return colour ? PixelFormat::rgba8 : PixelFormat::r8;
+}
+
+template <typename T>
+T parse_name(const std::string& name, const char* what, std::initializer_list<std::pair<const char*, T>> known) {
+  std::string all;
+  for (const auto& [text, value] : known) {
+    if (name == text) return value;
+    all += (all.empty() ? "" : ", ") + std::string(text);
+  }
+  throw Error(ErrorCode::invalid_argument, std::string(what) + " '" + printable(name) + "' is not known: one of " + all);
+}
+
+/// An alignment that nothing was done to.
+RefinedAlignment unrefined(const PairInput& pair, Alignment alignment, double ms) {
+  RefinedAlignment r;
+  r.T_10 = alignment.T_10;
+  r.covariance = alignment.covariance;
+  r.status = alignment.status;
+  r.reason = alignment.reason;
+  r.stages = {{"iclk", alignment.T_10, alignment.cost, ms}};
+  r.inverse_depth = pair.features.inverse_depth;
+  r.iclk = std::move(alignment);
+  return r;
+}
+
+cv::Mat inverse_depth_of(const PairInput& pair) {
+  if (pair.depth_0.empty())
+    throw Error(ErrorCode::invalid_argument, pair.name_0 + ": --dense needs a depth image (--depth), not only features");
+  cv::Mat inverse;
+  cv::divide(1.0, pair.depth_0, inverse);
+  inverse.setTo(0, pair.depth_0 <= 0);
+  return inverse;
+}
+
+}  // namespace
+
+Solver parse_solver(const std::string& name) {
+  return parse_name<Solver>(name, "solver", {{"host", Solver::host}, {"device", Solver::device}, {"cpu", Solver::cpu}});
+}
+
+Robust parse_robust(const std::string& name) {
+  return parse_name<Robust>(name, "robust weight",
+                            {{"unit", Robust::unit}, {"huber", Robust::huber}, {"tukey", Robust::tukey}, {"cauchy", Robust::cauchy}});
+}
+
+Damping parse_damping(const std::string& name) {
+  return parse_name<Damping>(name, "damping", {{"fixed", Damping::fixed}, {"adaptive", Damping::adaptive}});
+}
+
+Session::Session(const SessionOptions& options) : options_(options) {
+  options_.aligner.check();
+  options_.refiner.check();
+  if (options_.max_pairs < 1) throw Error(ErrorCode::invalid_argument, "batch size " + std::to_string(options_.max_pairs) + " must be positive");
+  if (options_.solver == Solver::cpu) {
+    device_name_ = "CPU reference (one thread, no Vulkan)";
+    return;
+  }
+  if (options_.device.empty())
+    if (const char* wish = std::getenv("ICLK_DEVICE")) options_.device = wish;
+  engine::ContextOptions context;
+  context.device = options_.device;
+  context_ = engine::create_context(context);
+  device_name_ = context_->info().name;
+}
+
+void Session::make_aligner(const PairInput& pair, int features) {
+  Plan plan;
+  plan.width = pair.image_0.cols;
+  plan.height = pair.image_0.rows;
+  plan.max_features = std::max(features, 1);
+  plan.max_references = plan.max_pairs = options_.max_pairs;
+  plan.dense = options_.dense;
+  plan.format = device_format(pair);
+  const bool fits = aligner_ && plan.width == plan_.width && plan.height == plan_.height && plan.format == plan_.format &&
+                    plan.max_features <= plan_.max_features;
+  if (fits) return;
+  refiner_.reset();
+  aligner_.reset();
+  aligner_ = options_.solver == Solver::cpu ? make_cpu_aligner(plan, options_.aligner) : nullptr;
+  if (!aligner_) throw Error(ErrorCode::unsupported, "this build has only --solver cpu");
+  if (options_.refine) refiner_ = std::make_unique<Refiner>(*aligner_, options_.refiner);
+  plan_ = plan;
+}
+
+std::vector<RefinedAlignment> Session::run(std::span<const PairInput> pairs) {
+  std::vector<RefinedAlignment> results;
+  times_ = {};
+  for (size_t first = 0; first < pairs.size();) {
+    const size_t count = std::min(pairs.size() - first, static_cast<size_t>(options_.max_pairs));
+    const auto batch = pairs.subspan(first, count);
+    first += count;
+
+    auto start = Clock::now();
+    int features = 0;
+    for (const PairInput& pair : batch) features = std::max(features, pair.features.size());
+    make_aligner(batch.front(), features);
+    times_.setup += ms_since(start);
+
+    start = Clock::now();
+    std::vector<Pair> work(count);
+    for (size_t i = 0; i < count; ++i) {
+      const PairInput& pair = batch[i];
+      const cv::Mat inverse = options_.dense ? inverse_depth_of(pair) : cv::Mat();
+      Reference reference{view(pair.image_0), pair.camera, pair.features, {}};
+      if (options_.dense) reference.inverse_depth = view(inverse);
+      aligner_->set_reference(static_cast<int>(i), reference);
+      work[i] = {static_cast<int>(i), view(pair.image_1), pair.T_10, {}};
+    }
+    times_.prepare += ms_since(start);
+
+    start = Clock::now();
+    if (refiner_) {
+      for (RefinedAlignment& r : refiner_->align(work)) results.push_back(std::move(r));
+    } else {
+      std::vector<Alignment> alignments = aligner_->align(work);
+      const double ms = ms_since(start) / static_cast<double>(count);
+      for (size_t i = 0; i < count; ++i) results.push_back(unrefined(batch[i], std::move(alignments[i]), ms));
+    }
+    times_.align += ms_since(start);
+  }
+  return results;
+}
+
+std::string Session::profile_text(const PairInput& pair) const {
+  std::string out;
+  const auto row = [&](const char* stage, double ms) {
+    char line[80];
+    std::snprintf(line, sizeof line, "  %-22s %9.3f ms\n", stage, ms);
+    out += line;
+  };
+  row("load", pair.load_ms);
+  row("detect", pair.detect_ms);
+  row("setup", times_.setup);
+  row("prepare", times_.prepare);
+  row("align", times_.align);
+  return out;
+}
+
+}  // namespace iclk
