@@ -27,7 +27,8 @@ std::string_view trimmed(std::string_view text) {
 std::optional<size_t> as_index(std::string_view request, size_t count) {
   if (request.empty() || request.size() > 6 || !std::all_of(request.begin(), request.end(), is_digit)) return std::nullopt;
   const size_t index = std::stoul(std::string(request));
-  return index < count ? std::optional(index) : std::nullopt;
+  // A wrong index must not be found in a name: the 1 of "LLVM 15".
+  return index < count || request.size() < 3 ? std::optional(index) : std::nullopt;
 }
 
 /// 32 lower-case hexadecimal digits, or nothing.
@@ -42,7 +43,8 @@ std::optional<std::string> as_uuid(std::string_view request) {
 }
 
 std::vector<size_t> matches(std::span<const DeviceInfo> devices, std::string_view request) {
-  if (const auto index = as_index(request, devices.size())) return {*index};
+  if (const auto index = as_index(request, devices.size()))
+    return *index < devices.size() ? std::vector{*index} : std::vector<size_t>{};
   const auto uuid = as_uuid(request);
   const std::string part = lower(request);
   std::vector<size_t> found;

@@ -44,7 +44,7 @@ struct DeviceChoice {
 ///
 /// `request` is one of
 /// - empty: the best usable device, discrete before integrated, virtual, CPU, other; of equals the first;
-/// - an index into `devices`: decimal digits smaller than the count ("4090" is a name, not an index);
+/// - an index into `devices`: decimal digits; of three digits or more only if smaller than the count ("4090" is a name);
 /// - a UUID: 32 hexadecimal digits, dashes anywhere;
 /// - part of a name, in any case: of several matches the best usable one, in the same order as above.
 ///
