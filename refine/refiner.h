@@ -24,7 +24,7 @@ struct RefinerOptions {
   /// Inliers over the features with texture whose patch the final pose puts inside image 1. On hololens_80 and tum_fr1_360_5 poses that
   /// are more than 4 px wrong never pass 0.33 (464 tries), poses within 2.5 px stay above 0.35 in 96 % (253 tries).
   double min_inlier_share = 0.35;
-  double max_correction = 4;       ///< px, median over the features: the most that refinement may move the pose that ICLK found
+  double max_correction = 16;      ///< px, median over the features: the most that the rounds may move the pose that ICLK found
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
