@@ -108,7 +108,7 @@ cv::Mat overlay_panel(const View& view, const cv::Mat& grey_0) {
 
 /// Blue where the target is darker, red where it is brighter, white where they agree.
 cv::Vec3b signed_colour(double x) {
-  const double t = std::clamp(x, -1.0, 1.0), fade = 1 - std::sqrt(std::abs(t));
+  const double t = std::clamp(x, -1.0, 1.0), fade = 1 - std::pow(std::abs(t), 0.7);
   const cv::Vec3d hot(30, 30, 190), cold(190, 80, 20), end = t > 0 ? hot : cold, mixed = (1 - fade) * end + fade * cv::Vec3d(250, 250, 250);
   return {cv::saturate_cast<uchar>(mixed[0]), cv::saturate_cast<uchar>(mixed[1]), cv::saturate_cast<uchar>(mixed[2])};
 }
@@ -137,11 +137,17 @@ cv::Scalar status_colour(const std::string& status) {
   return it == colours.end() ? cv::Scalar(150, 150, 150) : it->second;
 }
 
-cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result, const cv::Mat& grey_1) {
-  const int zoom = zoom_of(grey_1);
-  cv::Mat panel;
-  cv::cvtColor(enlarged(grey_1, zoom, cv::INTER_CUBIC), panel, cv::COLOR_GRAY2BGR);
-  panel = panel * 0.75;
+/// 8-bit colour for the eye; the colours of deeper images are not kept.
+cv::Mat colour_8bit(const cv::Mat& image) {
+  if (image.type() == CV_8UC3) return image;
+  cv::Mat out;
+  cv::cvtColor(grey_8bit(image), out, cv::COLOR_GRAY2BGR);
+  return out;
+}
+
+cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) {
+  const int zoom = zoom_of(pair.image_1);
+  cv::Mat panel = enlarged(colour_8bit(pair.image_1), zoom, cv::INTER_CUBIC) * 0.7;
   struct Mark {
     Eigen::Vector2d at, line_end;
     bool has_line;
@@ -162,20 +168,20 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result, 
   }
   const double mean = lines > 0 ? sum / lines : 0;
   // An error of a fraction of a pixel cannot be seen: it is drawn larger, and the legend says so.
-  const int magnified = pair.truth && mean * zoom < 8 ? 10 : 1;
+  int magnified = 1;
+  while (pair.truth && magnified < 100 && mean * zoom * magnified < 5) magnified *= 10;
   const auto pixel = [&](const Eigen::Vector2d& uv) {
     const Eigen::Vector2d p = ((uv + Eigen::Vector2d(0.5, 0.5)) * zoom * 16).cwiseMax(-1e6).cwiseMin(1e6);
     return cv::Point(static_cast<int>(std::lround(p.x())) - 8, static_cast<int>(std::lround(p.y())) - 8);
   };
   constexpr int kShift = 4;  // sub-pixel drawing
-  for (const Mark& mark : marks)
-    if (mark.has_line)
-      cv::line(panel, pixel(mark.at), pixel(mark.at + magnified * (mark.line_end - mark.at)), {60, 60, 255}, 2, cv::LINE_AA, kShift);
   for (const Mark& mark : marks) {
     cv::circle(panel, pixel(mark.at), 9 << kShift, {0, 0, 0}, 4, cv::LINE_AA, kShift);
     cv::circle(panel, pixel(mark.at), 9 << kShift, status_colour(mark.status), 2, cv::LINE_AA, kShift);
-    cv::circle(panel, pixel(mark.at), 2 << kShift, status_colour(mark.status), cv::FILLED, cv::LINE_AA, kShift);
   }
+  for (const Mark& mark : marks)
+    if (mark.has_line)
+      cv::line(panel, pixel(mark.at), pixel(mark.at + magnified * (mark.line_end - mark.at)), {60, 60, 255}, 2, cv::LINE_AA, kShift);
   cv::Mat canvas = framed(panel, "Features of the reference, found in the target (" + std::string(name(result.status)) + ")", 64);
   int x = 16;
   const int y = canvas.rows - 44;
@@ -187,7 +193,8 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result, 
   }
   cv::line(canvas, {16, canvas.rows - 19}, {44, canvas.rows - 19}, {60, 60, 255}, 2, cv::LINE_AA);
   const std::string legend =
-      pair.truth ? format("from found to true position%s; mean distance %.2f px", magnified > 1 ? ", drawn 10 times as long" : "", mean)
+      pair.truth ? format("from found to true position%s; mean distance %.2f px",
+                          magnified > 1 ? format(", drawn %d times as long", magnified).c_str() : "", mean)
                  : format("back to where the first guess had it; mean distance %.1f px", mean);
   text(canvas, legend, {56, canvas.rows - 14});
   return canvas;
@@ -309,7 +316,7 @@ std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment
   const cv::Mat grey_0 = grey_8bit(pair.image_0), grey_1 = grey_8bit(pair.image_1), depth = picture_depth(pair);
   const View before = view_by(pair, grey_0, grey_1, depth, pair.T_10), after = view_by(pair, grey_0, grey_1, depth, result.T_10);
   const std::string source = pair.depth_0.empty() ? "depth interpolated between the features" : "depth: the depth image";
-  return {{"features.png", features_picture(pair, result, grey_1)},
+  return {{"features.png", features_picture(pair, result)},
           {"overlay.png", overlay_picture(before, after, grey_0, source)},
           {"residual.png", residual_picture(before, after, grey_0, source)}};
 }
