@@ -36,6 +36,23 @@ std::vector<double> prior_sigmas(const Features& features, double relative_sigma
   return sigmas;
 }
 
+/// Standard deviation, px, of the positions across their epipolar lines, where no depth error shows: 1.4826 times the median of
+/// |residual|, scaled up for the six parameters that the same residuals determined.
+double across_epipolar_sigma(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10,
+                             const PoseOptions& options) {
+  std::vector<double> across;
+  for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, options.min_sigma)) {
+    const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
+    const Eigen::Vector2d along = camera.project_jacobian(p) * T_10.t;  // du1 / dq
+    const double length = along.norm();
+    const Eigen::Vector2d normal = length > 0 ? Eigen::Vector2d(-along.y(), along.x()) / length : Eigen::Vector2d(1, 0);
+    across.push_back(std::abs(normal.dot(o.W * (camera.project(p) - o.uv1))));
+  }
+  std::nth_element(across.begin(), across.begin() + static_cast<std::ptrdiff_t>(across.size() / 2), across.end());
+  const double n = static_cast<double>(across.size());
+  return 1.4826 * across[across.size() / 2] * std::sqrt(2 * n / std::max(2 * n - 6, 1.0));
+}
+
 }  // namespace
 
 void StructureOptions::check() const {
@@ -53,7 +70,8 @@ StructureResult refine_structure(const Camera& camera, const Features& features,
   result.inverse_depth_sigma = prior_sigmas(features, options.relative_sigma);
   if (result.pose.status != Status::converged && result.pose.status != Status::max_iterations) return result;
 
-  const double sigma_0 = options.pose.min_sigma;
+  // How wrong the positions are decides what the priors weigh, so it is measured first; the floor holds for exact data.
+  const double sigma_0 = std::max(options.pose.min_sigma, across_epipolar_sigma(camera, features, aligned, result.pose.T_10, options.pose));
   std::vector<internal::Observation> used = internal::observations(camera, features, aligned, result.pose.T_10, sigma_0);
   internal::PoseBlock pose = internal::to_block(result.pose.T_10);
   ceres::Problem problem;
@@ -97,10 +115,8 @@ StructureResult refine_structure(const Camera& camera, const Features& features,
     p.reason = "the aligned features do not determine pose and inverse depths";
     return result;
   }
-  // The priors are in units of sigma_0, so the residuals are too: their variance is sigma_0^2 by construction. Where they turn out
-  // larger than that, priors and positions were both too sure of themselves.
-  const std::vector<double> norms = internal::residual_norms(camera, used, p.T_10);
-  const double variance = std::max(sigma_0 * sigma_0, internal::variance_factor(norms, options.pose.cauchy_scale, 6));
+  // Priors and positions are in units of sigma_0, which was measured: it is the scale of the whole system.
+  const double variance = sigma_0 * sigma_0;
   Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
   covariance.GetCovarianceBlockInTangentSpace(pose.data(), pose.data(), C.data());
   p.covariance = variance * C;
