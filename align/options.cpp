@@ -40,7 +40,7 @@ void Plan::check(const AlignerOptions& options) const {
                             " levels (use fewer levels for a smaller image) and at most 32768";
   need(width >= smallest && width <= 32768, "image width", width, range);
   need(height >= smallest && height <= 32768, "image height", height, range);
-  need(max_features >= 1 && max_features <= 1 << 20, "max_features", max_features, "1 to 1048576");
+  need(max_features >= 1 && max_features <= 65535, "max_features", max_features, "1 to 65535");
   need(max_references >= 1, "max_references", max_references, "1 or more");
   need(max_pairs >= 1, "max_pairs", max_pairs, "1 or more");
 }

@@ -1,4 +1,5 @@
-// Constants and push constants of every shader, declared once for GLSL and C++ (std430, scalars only).
+// Constants, buffer layouts and push constants of every shader, declared once for GLSL and C++ (std430: scalars only, so that
+// both languages lay them out alike).
 #ifndef ICLK_SHADERS_SHARED_H
 #define ICLK_SHADERS_SHARED_H
 
@@ -13,6 +14,8 @@ using uint = uint32_t;
 #define ICLK_PATCH_BEFORE 3
 #define ICLK_PATCH_AREA 64
 
+#define ICLK_MAX_LEVELS 12
+
 // Bounds of the estimated gain: beyond them an image is black or clipped, not exposed differently.
 #define ICLK_GAIN_MIN 0.05
 #define ICLK_GAIN_MAX 20.0
@@ -21,6 +24,161 @@ using uint = uint32_t;
 #define ICLK_LM_ACCEPT 1e-4
 #define ICLK_LM_REJECTED 1e-2
 #define ICLK_LM_LEAST 1e-9
+
+// A pivot of the system scaled to a unit diagonal below this is rounding: the system has no solution.
+#define ICLK_LEAST_PIVOT 1e-6
+
+// The robust scale never falls below this (feature units): identical images must not end in a scale of zero.
+#define ICLK_LEAST_SCALE 1e-3
+
+// A point nearer than this to the camera plane (in units of its depth in camera 0) is behind the camera.
+#define ICLK_LEAST_DEPTH 1e-6
+
+// Pixel blocks of the pyramid kernel: an invocation makes levels 0 to 3 of an 8x8 block, so rows are padded to whole blocks.
+#define ICLK_BLOCK 8
+#define ICLK_FUSED_LEVELS 4
+
+// specialisation of PixelFormat (align/image.h) for the formats that a plan can have on the device
+#define ICLK_FORMAT_R8 0
+#define ICLK_FORMAT_RGBA8 1
+#define ICLK_FORMAT_BGRA8 2
+#define ICLK_FORMAT_R32F 3
+#define ICLK_FORMAT_RGBA32F 4
+
+// Robust and Damping of align/options.h.
+#define ICLK_ROBUST_UNIT 0
+#define ICLK_ROBUST_HUBER 1
+#define ICLK_ROBUST_TUKEY 2
+#define ICLK_ROBUST_CAUCHY 3
+
+// Tuned for 95 % efficiency on Gaussian noise.
+#define ICLK_HUBER 1.345
+#define ICLK_TUKEY 4.685
+#define ICLK_CAUCHY 2.3849
+
+// One pyramid level of the plan.
+struct LevelInfo {
+  uint width, height;
+  uint pitch;           // floats from a row of a map to the next
+  uint map_offset;      // floats from the start of an image's maps to this level
+  uint element_offset;  // elements from the start of a reference's template to this level
+  uint element_count;   // of this level: 64 a feature, or one a pixel in dense mode
+};
+
+// What the host says of a prepared reference.
+struct ReferenceInfo {
+  float fx, fy, cx, cy;  // of level 0
+  float mean_inverse_depth;
+  uint feature_count;
+};
+
+// A feature: pixel of level 0 and inverse depth, 0 = takes no part.
+struct FeatureInfo {
+  float u, v, inverse_depth, unused;
+};
+
+// What the host says of a pair. Poses are 3x4, row-major: R | t.
+struct PairInfo {
+  uint reference;
+  uint enabled;          // 0: nothing is computed for this pair
+  uint has_prior;
+  uint unused;
+  float gain, bias;      // where to evaluate: the host solver's point
+  float pose[12];
+  float prior_pose[12];
+  float prior_information[36];  // times residual_sigma^2
+};
+
+// Sums over the visible mask pixels of a pair, as 15 vec4; J = (lo, hi), lo = J[0..3], hi = (J[4], J[5], f0, 1):
+//   0..3   w J[i] lo  for i = 0..3        4..7  w J[i] hi  for i = 0..3       8..11  w J[i] hi  for i = 4..7
+//   12     w r lo                         13    w r hi                        14     (w r^2, visible, masked, 0)
+#define ICLK_SUM_VECTORS 15
+#define ICLK_SUM_FLOATS 60
+
+// What the device solver keeps of a pair from one step to the next, and leaves for the host to read.
+struct PairState {
+  float pose[12], gain, bias;                     // where to evaluate next
+  float accepted_pose[12], accepted_gain, accepted_bias;
+  float sums[ICLK_SUM_FLOATS];                    // at the accepted point
+  float objective, predicted;
+  float lambda, nu;
+  float last_step;
+  uint has_accepted, done, singular;
+  uint iterations[ICLK_MAX_LEVELS];               // taken at each level
+  float scale[ICLK_MAX_LEVELS];                   // robust scale of each level
+};
+
+// One iteration of the trace.
+struct TraceEntry {
+  float pose[12];
+  float cost, visible, step, lambda;
+  uint accepted;
+};
+
+// What a recording leaves for the application's own shaders: the verdict of align/internal/verdict.h without its eigenvalues.
+struct ResultInfo {
+  float pose[12];          // T_10, 3x4 row-major
+  float gain, bias;
+  float cost;              // mean weighted squared residual
+  float visible_fraction;
+  float correlation;
+  float last_step;         // px
+  uint status;             // iclk::Status
+  uint unused;
+};
+
+struct ResultPush {
+  float min_visible, min_correlation, step_limit;
+  uint pairs;
+};
+
+struct PyramidPush {
+  uint width, height;      // of level 0
+  uint blocks_x;
+  uint pixel_stride;       // 32-bit words from an image to the next
+  uint map_stride;         // floats from an image's maps to the next
+  uint first_image;        // images first_image .. first_image + groups z - 1
+};
+
+struct HalvePush {
+  uint level;              // to make, from level - 1
+  uint map_stride;
+  uint first_image;
+};
+
+struct MaskPush {
+  uint first_reference;
+  uint max_features;
+  uint element_stride;     // elements from a reference's template to the next
+};
+
+struct JacobianPush {
+  uint level;
+  uint first_reference;
+  uint max_features;
+  uint element_stride;
+  uint map_stride;
+};
+
+struct IteratePush {
+  uint level;
+  uint element_stride;
+  uint map_stride;         // of the target's maps
+  uint weight_stride;      // elements from a pair's weights to the next
+  uint iterations;         // iterate: at most; normal_equations, lm_step: number of this one
+  uint group_elements;     // normal_equations: elements a workgroup
+  uint groups;             // normal_equations: workgroups a pair
+  uint flags;
+  float lambda;
+  float step_tolerance;
+  uint trace_stride;       // entries from a pair's trace to the next
+  uint trace_offset;       // of this level
+};
+// flags
+#define ICLK_FLAG_UNIT_WEIGHTS 1u   // do not read the weights
+#define ICLK_FLAG_END 2u            // evaluate once more after the last step and judge it
+#define ICLK_FLAG_START 4u          // start gain and bias from the moments of the images, take no step
+#define ICLK_FLAG_GIVEN 8u          // the point is the host's (PairInfo), not the state's
 
 #ifdef __cplusplus
 }  // namespace iclk::shaders

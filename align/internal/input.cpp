@@ -3,6 +3,8 @@
 #include <cmath>
 #include <string>
 
+#include <Eigen/LU>
+
 #include <iclk/align/internal/mask.h>
 #include <iclk/engine/error.h>
 
@@ -30,22 +32,30 @@ void check_image(const ImageView& image, const char* what, const Plan& plan) {
 
 void check_reference(const Reference& reference, const Plan& plan) {
   check_image(reference.image, "reference image", plan);
-  reference.camera.check();
-  if (reference.camera.width != plan.width || reference.camera.height != plan.height)
-    refuse("camera is for " + size(reference.camera.width, reference.camera.height) + " images, the reference image is " +
-           size(plan.width, plan.height) + "; scale the camera with Camera::resized");
-  if (reference.features.size() > plan.max_features)
-    refuse(std::to_string(reference.features.size()) + " features, the plan holds " + std::to_string(plan.max_features));
+  check_reference_data(reference, plan);
   if (plan.dense) {
     check_image(reference.inverse_depth, "inverse depth image", plan);
     if (reference.inverse_depth.format != PixelFormat::r32f) refuse("the inverse depth image must have the format r32f");
   }
 }
 
+void check_reference_data(const Reference& reference, const Plan& plan) {
+  reference.camera.check();
+  if (reference.camera.width != plan.width || reference.camera.height != plan.height)
+    refuse("camera is for " + size(reference.camera.width, reference.camera.height) + " images, the reference image is " +
+           size(plan.width, plan.height) + "; scale the camera with Camera::resized");
+  if (reference.features.size() > plan.max_features)
+    refuse(std::to_string(reference.features.size()) + " features, the plan holds " + std::to_string(plan.max_features));
+}
+
 void check_pair(const Pair& pair, size_t index, const Plan& plan) {
   const std::string which = "pair " + std::to_string(index) + ": ";
   check_slot(pair.reference, plan);
   check_image(pair.target, (which + "target image").c_str(), plan);
+  check_pose(pair, which);
+}
+
+void check_pose(const Pair& pair, const std::string& which) {
   if (!pair.T_10.matrix().allFinite()) refuse(which + "initial pose is not finite");
   if (std::abs(pair.T_10.R.determinant() - 1) > 1e-3) refuse(which + "initial pose's rotation is none (determinant is not 1)");
   if (pair.prior) {

@@ -78,12 +78,15 @@ bool LmIteration::judge(const NormalSums& sums) {
 }
 
 void LmIteration::propose() {
-  Matrix8d A = accepted_system_.H;
-  A.diagonal() *= 1 + lambda_;
+  // Scaled to a unit diagonal, so that pivots can be compared with rounding whatever the units of scene and image.
+  const Vector8d diagonal = accepted_system_.H.diagonal();
+  const Vector8d d = diagonal.cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  Matrix8d A = d.asDiagonal() * accepted_system_.H * d.asDiagonal();
+  A.diagonal().setConstant(1 + lambda_);
   const Eigen::LDLT<Matrix8d> ldlt(A);
-  const Vector8d xi = ldlt.solve(accepted_system_.g);
-  const auto pivots = ldlt.vectorD().array();
-  if (ldlt.info() != Eigen::Success || !(pivots > 0).all() || !xi.allFinite()) {
+  const Vector8d xi = d.asDiagonal() * ldlt.solve(d.asDiagonal() * accepted_system_.g);
+  const bool solved = ldlt.info() == Eigen::Success && ldlt.vectorD().minCoeff() > ICLK_LEAST_PIVOT;
+  if (!(diagonal.minCoeff() > 0) || !solved || !xi.allFinite()) {
     singular_ = done_ = true;
     last_step_ = 0;
     return;

@@ -20,7 +20,8 @@ std::string format(const char* text, A... values) {
 constexpr double kLargestSigma = 1.0;  // px
 // Variance of rounding to 8 bits with some noise: residuals cannot be known to be better, however small they came out.
 constexpr double kLeastVariance = 1.0 / (510.0 * 510.0);
-constexpr double kLeastEigenvalue = 1e-7;  // of H scaled to a unit diagonal
+// Of H scaled to a unit diagonal. Device sums are single precision, good to about 1e-6 of the diagonal.
+constexpr double kLeastEigenvalue = 1e-5;
 
 // H of the pose with gain and bias marginalised out, and with the gain's factor on the pose's columns.
 Matrix6d pose_information(const NormalSums& sums, const Point& at, bool photometric) {
@@ -84,12 +85,14 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
   if (out.correlation < options.min_correlation)
     return without_covariance(Status::diverged, format("the images do not agree where the iterations ended: correlation %.2f, %.2f needed",
                                                        out.correlation, options.min_correlation));
-  if (ending.last_step > std::max(10 * options.step_tolerance, 0.05))
+  if (ending.last_step > still_moving(options))
     return end(Status::max_iterations, format("still moving by %.3f px after %d iterations at the finest level", ending.last_step,
                                               options.iterations));
   end(Status::converged, format("correlation %.2f, %.0f %% visible, last step %.4f px", out.correlation, 100 * out.visible_fraction,
                                 ending.last_step));
 }
+
+double still_moving(const AlignerOptions& options) { return std::max(10 * options.step_tolerance, 0.05); }
 
 bool enough_to_align(std::span<const FeatureCheck> checks, double mean_inverse_depth, const Plan& plan,
                      const AlignerOptions& options) {

@@ -21,6 +21,9 @@ struct Ending {
 /// the one place where an alignment is judged, for every solver.
 void conclude(const Ending& ending, const AlignerOptions& options, Alignment& alignment);
 
+/// A pair whose last step at the finest level was longer than this (px) has not come to rest.
+double still_moving(const AlignerOptions& options);
+
 /// False if so few features (in dense mode: pixels with depth) are usable that no alignment should be tried.
 bool enough_to_align(std::span<const FeatureCheck> checks, double mean_inverse_depth, const Plan& plan, const AlignerOptions& options);
 

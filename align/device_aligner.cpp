@@ -1,0 +1,374 @@
+#include <iclk/align/device_aligner.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include <iclk/align/internal/device_impl.h>
+#include <iclk/align/internal/mask.h>
+#include <iclk/align/internal/upload.h>
+#include <iclk/engine/error.h>
+
+namespace iclk {
+
+using engine::Recorder;
+using internal::LmIteration;
+
+namespace {
+
+const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solver) {
+  plan.check(options);
+  switch (plan.format) {
+    case PixelFormat::r8: case PixelFormat::rgba8: case PixelFormat::bgra8: case PixelFormat::r32f: case PixelFormat::rgba32f: break;
+    default: throw Error(ErrorCode::invalid_argument, "Plan::format must be r8, rgba8, bgra8, r32f or rgba32f on a device");
+  }
+  if (solver == Solver::cpu) throw Error(ErrorCode::invalid_argument, "the CPU reference is made by make_cpu_aligner");
+  return plan;
+}
+
+}  // namespace
+
+DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const Plan& plan_, const AlignerOptions& options_,
+                          Solver solver_)
+    : context(std::move(context_)),
+      plan(checked(plan_, options_, solver_)),
+      options(options_),
+      solver(solver_),
+      layout(plan, options),
+      sizes(context->info().type),
+      batch(internal::pairs_per_batch(plan, layout, context->limits())),
+      kernels(context, plan, options, sizes),
+      ids(layout, plan, options, solver, sizes, context->unified_memory(), batch),
+      memory(context, ids.plan),
+      run_ids(layout, context->unified_memory(), batch),
+      run(context, run_ids.plan),
+      arena(context, internal::Stages::arena_size(kernels)),
+      submission(context),
+      slots(static_cast<size_t>(plan.max_references)) {
+  std::memcpy(memory[ids.levels].mapped, layout.levels.data(), layout.levels.size() * sizeof(shaders::LevelInfo));
+  // Slots that nobody sets are never read, but a batch is prepared in runs: no features is a state that harms nothing.
+  std::memset(memory[ids.references].mapped, 0, sizeof(shaders::ReferenceInfo) * slots.size());
+}
+
+DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver)
+    : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver)) {}
+
+DeviceAligner::~DeviceAligner() = default;
+
+engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
+                                                  Solver solver) {
+  checked(plan, options, solver);
+  const internal::Layout layout(plan, options);
+  const internal::WorkgroupSizes sizes(context.info().type);
+  const int batch = internal::pairs_per_batch(plan, layout, context.limits());
+  const internal::AlignerBuffers ids(layout, plan, options, solver, sizes, context.unified_memory(), batch);
+  const internal::RunBuffers run_ids(layout, context.unified_memory(), batch);
+  engine::MemoryBytes bytes = ids.plan.bytes(context);
+  const engine::MemoryBytes run = run_ids.plan.bytes(context);
+  bytes.device += run.device;
+  bytes.upload += run.upload;
+  bytes.readback += run.readback;
+  return bytes;
+}
+
+void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
+                                   std::vector<FeatureCheck> checks) {
+  auto* info = memory[ids.references].as<shaders::ReferenceInfo>() + slot;
+  *info = {static_cast<float>(camera.fx), static_cast<float>(camera.fy), static_cast<float>(camera.cx), static_cast<float>(camera.cy),
+           static_cast<float>(mean_inverse_depth), plan.dense ? 0u : static_cast<uint32_t>(features.size())};
+  auto* list = memory[ids.features].as<shaders::FeatureInfo>() + static_cast<size_t>(slot) * static_cast<size_t>(plan.max_features);
+  for (int i = 0; i < features.size(); ++i) {
+    const auto k = static_cast<size_t>(i);
+    const bool ok = checks[k] == FeatureCheck::ok;
+    list[i] = {ok ? static_cast<float>(features.uv[k].x()) : 0.0f, ok ? static_cast<float>(features.uv[k].y()) : 0.0f,
+               ok ? static_cast<float>(features.inverse_depth[k]) : 0.0f, 0.0f};
+  }
+  // Entries beyond the count are read by the mask kernel too, and must say "takes no part".
+  for (int i = features.size(); i < plan.max_features; ++i) list[i] = {0, 0, 0, 0};
+  Slot& s = slots[static_cast<size_t>(slot)];
+  s.enough = internal::enough_to_align(checks, mean_inverse_depth, plan, options);
+  s.set = s.dirty = true;
+  s.camera = camera;
+  s.features = features;
+  s.checks = std::move(checks);
+  s.mean_inverse_depth = mean_inverse_depth;
+}
+
+std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference& reference) {
+  Impl& m = *impl_;
+  internal::check_slot(slot, m.plan);
+  internal::check_reference(reference, m.plan);
+  auto checks = check_features(reference.features, reference.camera);
+  const double mean_q = internal::mean_inverse_depth(reference, checks, m.plan.dense);
+  const auto s = static_cast<size_t>(slot);
+  auto* pixels = static_cast<uint8_t*>(m.memory[m.ids.staging0.value_or(m.ids.pixels0)].mapped);
+  internal::convert_pixels(reference.image, m.plan.format, m.layout.row_pixels(), pixels + 4ull * m.layout.pixel_words * s);
+  if (m.plan.dense) {
+    const size_t row = static_cast<size_t>(m.plan.width);
+    float* q = m.ids.staging_depth ? m.memory[*m.ids.staging_depth].as<float>() + s * m.layout.levels[0].element_count
+                                   : m.memory[m.ids.mask].as<float>() + s * m.layout.element_stride;
+    for (int v = 0; v < m.plan.height; ++v) std::memcpy(q + row * static_cast<size_t>(v), reference.inverse_depth.row(v), row * sizeof(float));
+  }
+  m.set_slot(slot, reference.camera, reference.features, mean_q, checks);
+  return checks;
+}
+
+void DeviceAligner::Impl::prepare_dirty(Recorder& recorder) {
+  for (size_t first = 0; first < slots.size();) {
+    if (!slots[first].dirty) {
+      ++first;
+      continue;
+    }
+    size_t last = first;
+    while (last < slots.size() && slots[last].dirty) slots[last++].dirty = false;
+    const uint64_t count = last - first, image = 4ull * layout.pixel_words;
+    recorder.stage("upload");
+    if (ids.staging0) {
+      const VkBufferCopy region{image * first, image * first, image * count};
+      recorder.copy(memory[*ids.staging0], memory[ids.pixels0], std::span(&region, 1));
+    }
+    if (ids.staging_depth) {
+      const uint64_t level0 = 4ull * layout.levels[0].element_count;
+      for (size_t s = first; s < last; ++s) {
+        const VkBufferCopy region{level0 * s, 4ull * layout.element_stride * s, level0};
+        recorder.copy(memory[*ids.staging_depth], memory[ids.mask], std::span(&region, 1));
+      }
+    }
+    stages().prepare(recorder, static_cast<uint32_t>(first), static_cast<uint32_t>(count));
+    first = last;
+  }
+}
+
+void DeviceAligner::Impl::upload_targets(Recorder& recorder, std::span<const Pair> pairs) {
+  const uint64_t image = 4ull * layout.pixel_words;
+  auto* pixels = static_cast<uint8_t*>(memory[ids.staging1.value_or(ids.pixels1)].mapped);
+  for (size_t i = 0; i < pairs.size(); ++i)
+    internal::convert_pixels(pairs[i].target, plan.format, layout.row_pixels(), pixels + image * i);
+  if (!ids.staging1) return;
+  recorder.stage("upload");
+  recorder.copy(memory[*ids.staging1], memory[ids.pixels1], image * pairs.size());
+}
+
+void DeviceAligner::Impl::check_pairs(std::span<const Pair> pairs) const {
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    internal::check_pair(pairs[i], i, plan);
+    if (!slots[static_cast<size_t>(pairs[i].reference)].set)
+      throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
+                                                   std::to_string(pairs[i].reference) + " was never set");
+  }
+}
+
+void DeviceAligner::Impl::submit() {
+  submission.submit_and_wait();
+  if (timer) timer->collect();
+}
+
+std::vector<Alignment> DeviceAligner::align(std::span<const Pair> pairs) {
+  Impl& m = *impl_;
+  m.check_pairs(pairs);
+  std::vector<Alignment> out;
+  out.reserve(pairs.size());
+  for (size_t first = 0; first < pairs.size(); first += static_cast<size_t>(m.batch)) {
+    const auto chunk = pairs.subspan(first, std::min(static_cast<size_t>(m.batch), pairs.size() - first));
+    auto results = m.solver == Solver::device ? m.align_on_device(chunk) : m.align_on_host(chunk);
+    std::move(results.begin(), results.end(), std::back_inserter(out));
+  }
+  return out;
+}
+
+std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair> pairs) {
+  const auto n = static_cast<uint32_t>(pairs.size());
+  Recorder recorder(*context, submission.begin(), arena, timer.get());
+  prepare_dirty(recorder);
+  upload_targets(recorder, pairs);
+  auto* infos = run[run_ids.pairs].as<shaders::PairInfo>();
+  for (uint32_t i = 0; i < n; ++i)
+    infos[i] = internal::pack_pair(pairs[i].T_10, pairs[i].prior ? &*pairs[i].prior : nullptr, pairs[i].reference,
+                                   slots[static_cast<size_t>(pairs[i].reference)].enough, options);
+  const internal::Stages s = stages();
+  s.targets(recorder, n);
+  s.align(recorder, n);
+  s.read_back(recorder, n);
+  recorder.finish();
+  submission.end();
+  submit();
+
+  const auto* states = internal::read_states(run_ids, run);
+  const auto* trace = internal::read_trace(run_ids, run);
+  std::vector<Alignment> out;
+  for (uint32_t i = 0; i < n; ++i) {
+    const Slot& slot = slots[static_cast<size_t>(pairs[i].reference)];
+    if (slot.enough)
+      out.push_back(internal::conclude_device(states[i], trace + static_cast<size_t>(i) * layout.trace_stride, options, slot.camera,
+                                              slot.mean_inverse_depth, slot.checks));
+    else
+      out.push_back(internal::too_few_features(slot.checks, pairs[i].T_10, options));
+  }
+  return out;
+}
+
+// One batch of the host solver: each evaluation is a submission, each step is LmIteration's.
+struct DeviceAligner::Impl::HostRun {
+  Impl& m;
+  std::span<const Pair> pairs;
+  std::vector<LmIteration> lm;
+  std::vector<Alignment> out;
+  shaders::PairInfo* infos;
+
+  HostRun(Impl& impl, std::span<const Pair> batch_pairs)
+      : m(impl), pairs(batch_pairs), out(batch_pairs.size()), infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
+    for (size_t i = 0; i < pairs.size(); ++i) {
+      const Slot& slot = slot_of(i);
+      const PosePrior* prior = pairs[i].prior ? &*pairs[i].prior : nullptr;
+      lm.emplace_back(internal::LmProblem{&m.options, prior, slot.mean_inverse_depth}, pairs[i].T_10);
+      infos[i] = internal::pack_pair(pairs[i].T_10, prior, pairs[i].reference, slot.enough, m.options);
+      out[i].features = slot.checks;
+    }
+  }
+
+  const Slot& slot_of(size_t i) const { return m.slots[static_cast<size_t>(pairs[i].reference)]; }
+  uint32_t count() const { return static_cast<uint32_t>(pairs.size()); }
+
+  void point(size_t i, bool enabled) {
+    infos[i].enabled = enabled && slot_of(i).enough;
+    infos[i].gain = static_cast<float>(lm[i].point().gain);
+    infos[i].bias = static_cast<float>(lm[i].point().bias);
+    internal::pack_pose(lm[i].point().T_10, infos[i].pose);
+  }
+
+  internal::NormalSums sums(size_t i, int level) const {
+    const uint32_t groups = internal::partial_groups(m.layout, m.sizes, level);
+    const float* part = m.memory[m.ids.parts].as<const float>() + i * groups * ICLK_SUM_FLOATS;
+    internal::NormalSums total;
+    for (uint32_t g = 0; g < groups; ++g) {
+      const internal::NormalSums sum = internal::unpack_sums(part + g * ICLK_SUM_FLOATS);
+      total.H += sum.H;
+      total.g += sum.g;
+      total.cost += sum.cost;
+      total.visible += sum.visible;
+      total.masked += sum.masked;
+    }
+    return total;
+  }
+
+  // Records and runs one evaluation at every enabled pair; `before` records what precedes it.
+  template <class Before>
+  void evaluate(int level, uint32_t flags, Before&& before) {
+    Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
+    before(recorder);
+    m.stages().normal_equations(recorder, level, count(), 0, flags | ICLK_FLAG_GIVEN);
+    recorder.host_read({&m.memory[m.ids.parts]});
+    recorder.finish();
+    m.submission.end();
+    m.submit();
+  }
+
+  void align() {
+    const int coarsest = m.options.levels - 1;
+    bool uploaded = false;
+    const auto upload = [&](Recorder& recorder) {
+      if (uploaded) return;
+      uploaded = true;
+      m.prepare_dirty(recorder);
+      m.upload_targets(recorder, pairs);
+      m.stages().targets(recorder, count());
+    };
+    if (m.options.photometric) {
+      evaluate(coarsest, ICLK_FLAG_UNIT_WEIGHTS, upload);
+      for (size_t i = 0; i < pairs.size(); ++i)
+        if (slot_of(i).enough) lm[i].start_photometric(sums(i, coarsest));
+    }
+    for (int level = coarsest; level >= 0; --level) align_level(level, upload);
+  }
+
+  template <class Upload>
+  void align_level(int level, Upload& upload) {
+    for (size_t i = 0; i < pairs.size(); ++i) {
+      lm[i].begin_level(slot_of(i).camera.at_level(level));
+      LevelTrace trace;
+      trace.level = level;
+      if (slot_of(i).enough) out[i].levels.push_back(trace);
+      point(i, true);
+    }
+    // The first evaluation of a level follows its weights; the others are the same submission again.
+    evaluate(level, 0, [&](Recorder& recorder) {
+      upload(recorder);
+      m.stages().weights(recorder, level, count(), ICLK_FLAG_GIVEN);
+    });
+    bool recorded_again = false;
+    const auto evaluate_again = [&] {
+      if (recorded_again) return m.submit();
+      recorded_again = true;
+      evaluate(level, 0, [](Recorder&) {});
+    };
+    const bool ends = level == 0 || m.options.damping == Damping::adaptive;
+    for (int iteration = 0; iteration < m.options.iterations; ++iteration) {
+      bool any = false;
+      for (size_t i = 0; i < pairs.size(); ++i) {
+        if (!slot_of(i).enough || lm[i].level_done()) continue;
+        out[i].levels.back().iterations.push_back(lm[i].step(sums(i, level)));
+        any = any || !lm[i].level_done();
+      }
+      for (size_t i = 0; i < pairs.size(); ++i) point(i, !lm[i].level_done());
+      if (!any || iteration + 1 == m.options.iterations) break;
+      evaluate_again();
+    }
+    if (!ends) return;
+    for (size_t i = 0; i < pairs.size(); ++i) point(i, true);
+    evaluate_again();
+    for (size_t i = 0; i < pairs.size(); ++i)
+      if (slot_of(i).enough) lm[i].end_level(sums(i, level));
+  }
+
+  void conclude() {
+    const shaders::PairState* states = internal::read_states(m.run_ids, m.run);
+    for (size_t i = 0; i < pairs.size(); ++i) {
+      const Slot& slot = slot_of(i);
+      if (!slot.enough) {
+        out[i] = internal::too_few_features(slot.checks, pairs[i].T_10, m.options);
+        continue;
+      }
+      if (m.options.robust != Robust::unit)
+        for (LevelTrace& level : out[i].levels) level.scale = states[i].scale[level.level];
+      internal::conclude({lm[i].point(), lm[i].sums(), lm[i].singular(), lm[i].last_step(), slot.camera, slot.mean_inverse_depth},
+                         m.options, out[i]);
+    }
+  }
+};
+
+std::vector<Alignment> DeviceAligner::Impl::align_on_host(std::span<const Pair> pairs) {
+  HostRun host(*this, pairs);
+  host.align();
+  if (options.robust != Robust::unit && run_ids.states_read) {  // the scales lie in the states
+    Recorder recorder(*context, submission.begin(), arena);
+    stages().read_back(recorder, static_cast<uint32_t>(pairs.size()));
+    submission.end();
+    submission.submit_and_wait();
+  }
+  host.conclude();
+  return std::move(host.out);
+}
+
+const Camera& DeviceAligner::camera(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).camera; }
+const Features& DeviceAligner::features(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).features; }
+const std::vector<FeatureCheck>& DeviceAligner::checks(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).checks; }
+const Plan& DeviceAligner::plan() const { return impl_->plan; }
+int DeviceAligner::pairs_per_batch() const { return impl_->batch; }
+const std::shared_ptr<const engine::Context>& DeviceAligner::context() const { return impl_->context; }
+
+DeviceAligner::Maps DeviceAligner::maps() const {
+  const Impl& m = *impl_;
+  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &m.memory[m.ids.maps0], &m.memory[m.ids.maps1], m.layout.map_stride};
+}
+
+void DeviceAligner::enable_timing(bool on) {
+  impl_->timer = on ? std::make_unique<engine::StageTimer>(impl_->context) : nullptr;
+}
+
+const std::vector<engine::StageTime>& DeviceAligner::times() const { return impl_->timer ? impl_->timer->times() : impl_->no_times; }
+
+std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
+                                                   const AlignerOptions& options, Solver solver) {
+  return std::make_unique<DeviceAligner>(std::move(context), plan, options, solver);
+}
+
+}  // namespace iclk

@@ -1,0 +1,104 @@
+#pragma once
+#include <variant>
+
+#include <iclk/align/aligner.h>
+#include <iclk/engine/memory.h>
+#include <iclk/engine/recorder.h>
+#include <iclk/engine/timing.h>
+
+namespace iclk {
+
+/// A target or reference that lies in a buffer of the application: pixels of the plan's format, `row_pixels` from a row to the next.
+struct DeviceBufferImage {
+  VkBuffer buffer = VK_NULL_HANDLE;
+  VkDeviceSize size = 0;    ///< of the buffer, bytes
+  VkDeviceSize offset = 0;  ///< of the first pixel, a multiple of 4
+  uint32_t row_pixels = 0;  ///< 0: rows are packed
+};
+
+/// An image on the device: a VkImage (format = the plan's: R8_UNORM, R8G8B8A8_UNORM, B8G8R8A8_UNORM or their SRGB twins, R32_SFLOAT,
+/// R32G32B32A32_SFLOAT) or a VkBuffer. Never freed or kept by us; copied on the device when the commands execute.
+using DeviceImage = std::variant<engine::ForeignImage, DeviceBufferImage>;
+
+struct DeviceReference {
+  int slot = 0;
+  DeviceImage image;
+  Camera camera;
+  Features features;
+};
+
+struct DevicePair {
+  int reference = 0;
+  DeviceImage target;
+  SE3 T_10;
+  std::optional<PosePrior> prior;
+};
+
+/// The Vulkan solvers: Solver::host (one evaluation a submission, the 6x6 system on the host) and Solver::device (everything in
+/// shaders, one submission a batch). The same contract as every Aligner; poses agree with the CPU reference to single precision.
+/// One thread at a time; any number of aligners may share a context.
+class DeviceAligner : public Aligner {
+ public:
+  /// Allocates everything. Throws Error(unsupported) if the plan does not fit the device, with the numbers.
+  DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver);
+  ~DeviceAligner() override;
+
+  /// Exactly what the constructor allocates.
+  static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options, Solver solver);
+
+  std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
+  using Aligner::align;
+  std::vector<Alignment> align(std::span<const Pair> pairs) override;
+
+  const Camera& camera(int slot) const override;
+  const Features& features(int slot) const override;
+  const std::vector<FeatureCheck>& checks(int slot) const override;
+  const Plan& plan() const override;
+  int pairs_per_batch() const;  ///< larger spans are split into batches of so many
+
+  /// A recording: descriptors, pair data and results of one record() call. Must outlive the command buffer's last execution.
+  class Recording {
+   public:
+    virtual ~Recording() = default;
+    /// shaders::ResultInfo a pair, visible to compute shaders and transfers that follow in the command buffer.
+    virtual const engine::Buffer& results() const = 0;
+    /// After the application waited for its submission: the same results in full. Throws nothing but Error(device_lost).
+    virtual std::vector<Alignment> read() const = 0;
+  };
+
+  /// Allocates a recording for up to `max_pairs` pairs; record() itself allocates nothing on the device.
+  std::unique_ptr<Recording> make_recording(int max_pairs = 1);
+
+  /// Writes a whole alignment, references that are given included, into a command buffer in the recording state; submits nothing.
+  /// Host data (features, first guesses) are taken now, pixels when the commands execute. Only COMPUTE, TRANSFER and HOST stages are
+  /// used. The maps of this aligner are overwritten: what two recordings share is ordered by barriers on one queue.
+  /// Precondition: nothing that uses `recording`, or a slot that `references` sets, is pending. Sparse mode only.
+  void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
+              std::span<const DevicePair> pairs);
+
+  /// Grey maps on the device, for the refinement: maps of slot or pair i begin at i * map_stride floats; level l is
+  /// LevelInfo `levels[l]`. Targets are those of the last batch.
+  struct Maps {
+    const engine::Buffer* levels;      ///< shaders::LevelInfo
+    const engine::Buffer* references;  ///< shaders::ReferenceInfo a slot
+    const engine::Buffer* maps0;       ///< r32f texel view
+    const engine::Buffer* maps1;
+    uint32_t map_stride;
+  };
+  Maps maps() const;
+  const std::shared_ptr<const engine::Context>& context() const;
+
+  /// Device time a stage of all align() calls since clear; empty unless timing was switched on.
+  void enable_timing(bool on);
+  const std::vector<engine::StageTime>& times() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Precondition: solver is host or device.
+std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
+                                                   const AlignerOptions& options = {}, Solver solver = Solver::host);
+
+}  // namespace iclk

@@ -1,0 +1,57 @@
+#pragma once
+#include <iclk/align/device_aligner.h>
+#include <iclk/align/internal/input.h>
+#include <iclk/align/internal/lm.h>
+#include <iclk/align/internal/stages.h>
+#include <iclk/engine/submission.h>
+
+namespace iclk {
+
+/// State of a DeviceAligner, shared by its two ways to run: align() (device_aligner.cpp) and record() (device_recording.cpp).
+struct DeviceAligner::Impl {
+  struct Slot {
+    bool set = false, dirty = false;  // dirty: pixels and features are there, pyramid and template are not
+    Camera camera;
+    Features features;
+    std::vector<FeatureCheck> checks;
+    double mean_inverse_depth = 0;
+    bool enough = false;
+  };
+
+  Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver);
+
+  std::shared_ptr<const engine::Context> context;
+  Plan plan;
+  AlignerOptions options;
+  Solver solver;
+  internal::Layout layout;
+  internal::WorkgroupSizes sizes;
+  int batch;
+  internal::Kernels kernels;
+  internal::AlignerBuffers ids;
+  engine::Workspace memory;
+  internal::RunBuffers run_ids;
+  engine::Workspace run;
+  engine::DescriptorArena arena;
+  engine::Submission submission;
+  std::unique_ptr<engine::StageTimer> timer;
+  std::vector<Slot> slots;
+  std::vector<engine::StageTime> no_times;
+
+  internal::Stages stages() const { return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run}; }
+
+  void check_pairs(std::span<const Pair> pairs) const;
+  /// Host data of a slot: camera, features, verdicts. Pixels are another matter.
+  void set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth, std::vector<FeatureCheck> checks);
+  /// Copies staged pixels and prepares what is dirty.
+  void prepare_dirty(engine::Recorder& recorder);
+  void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
+  std::vector<Alignment> align_on_device(std::span<const Pair> pairs);
+  std::vector<Alignment> align_on_host(std::span<const Pair> pairs);
+  void submit();
+
+ private:
+  struct HostRun;
+};
+
+}  // namespace iclk

@@ -1,0 +1,64 @@
+#include <iclk/align/internal/kernels.h>
+
+#include "halve.comp.spv.h"
+#include "inverse_depth.comp.spv.h"
+#include "iterate.comp.spv.h"
+#include "jacobian.comp.spv.h"
+#include "lm_step.comp.spv.h"
+#include "mask.comp.spv.h"
+#include "normal_equations.comp.spv.h"
+#include "pyramid.comp.spv.h"
+#include "residual.comp.spv.h"
+#include "result.comp.spv.h"
+#include "weights.comp.spv.h"
+
+namespace iclk::internal {
+namespace {
+
+uint32_t shader_format(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::r8: return ICLK_FORMAT_R8;
+    case PixelFormat::bgra8: return ICLK_FORMAT_BGRA8;
+    case PixelFormat::r32f: return ICLK_FORMAT_R32F;
+    case PixelFormat::rgba32f: return ICLK_FORMAT_RGBA32F;
+    default: return ICLK_FORMAT_RGBA8;
+  }
+}
+
+}  // namespace
+
+Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
+                 const WorkgroupSizes& sizes) {
+  using enum engine::BindingKind;
+  using namespace shaders;
+  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive;
+  pyramid = {context, {"pyramid", pyramid_comp_spv, {storage_read, storage_read, storage_write}, sizeof(PyramidPush),
+                       {sizes.map, shader_format(plan.format), static_cast<uint32_t>(options.levels)}}};
+  halve = {context, {"pyramid", halve_comp_spv, {storage_read, storage_read_write}, sizeof(HalvePush), {sizes.map}}};
+  if (plan.dense)
+    inverse_depth = {context, {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}}};
+  else
+    mask = {context, {"mask", mask_comp_spv, {storage_read, storage_read, storage_read, storage_write}, sizeof(MaskPush), {}}};
+  jacobian = {context, {"jacobian", jacobian_comp_spv,
+                        {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write}, sizeof(JacobianPush),
+                        {sizes.map, plan.dense}}};
+  if (options.robust != Robust::unit) {
+    residual = {context, {"residual", residual_comp_spv,
+                          {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
+                           storage_write}, sizeof(IteratePush), {sizes.map}}};
+    weights = {context, {"weights", weights_comp_spv, {storage_read, storage_read, storage_read, storage_write, storage_read_write},
+                         sizeof(IteratePush), {sizes.weights, static_cast<uint32_t>(options.robust)}}};
+  }
+  normal_equations = {context, {"normal_equations", normal_equations_comp_spv,
+                                {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
+                                 storage_read, storage_write}, sizeof(IteratePush), {sizes.iterate}}};
+  lm_step = {context, {"lm_step", lm_step_comp_spv,
+                       {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write}, sizeof(IteratePush),
+                       {0, photometric, adaptive}}};
+  iterate = {context, {"iterate", iterate_comp_spv,
+                       {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
+                        storage_read_write, storage_write}, sizeof(IteratePush), {sizes.iterate, photometric, adaptive}}};
+  result = {context, {"result", result_comp_spv, {storage_read, storage_read, storage_write}, sizeof(ResultPush), {}}};
+}
+
+}  // namespace iclk::internal

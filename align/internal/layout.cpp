@@ -1,0 +1,68 @@
+#include <iclk/align/internal/layout.h>
+
+#include <algorithm>
+#include <string>
+
+#include <iclk/engine/error.h>
+
+namespace iclk::internal {
+namespace {
+
+uint32_t round_up(uint32_t value, uint32_t step) { return (value + step - 1) / step * step; }
+
+}  // namespace
+
+Layout::Layout(const Plan& plan, const AlignerOptions& options) {
+  const auto width = static_cast<uint32_t>(plan.width), height = static_cast<uint32_t>(plan.height);
+  blocks_x = (width + ICLK_BLOCK - 1) / ICLK_BLOCK;
+  blocks_y = (height + ICLK_BLOCK - 1) / ICLK_BLOCK;
+  pixel_words = static_cast<uint32_t>(static_cast<uint64_t>(row_pixels()) * height * bytes_per_pixel(plan.format) / 4);
+  for (int l = 0; l < options.levels; ++l) {
+    shaders::LevelInfo info{};
+    info.width = width >> l;
+    info.height = height >> l;
+    // Levels of the fused pyramid kernel are written in whole blocks; all begin at a vec4.
+    info.pitch = l < ICLK_FUSED_LEVELS ? row_pixels() >> l : info.width;
+    info.map_offset = map_stride;
+    map_stride += round_up(info.pitch * info.height, 4);
+    info.element_offset = element_stride;
+    info.element_count = plan.dense ? info.width * info.height : static_cast<uint32_t>(plan.max_features) * ICLK_PATCH_AREA;
+    element_stride += info.element_count;
+    weight_stride = std::max(weight_stride, info.element_count);
+    levels.push_back(info);
+  }
+  trace_stride = static_cast<uint32_t>(options.levels * options.iterations);
+}
+
+int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDeviceLimits& limits) {
+  const uint64_t range = limits.maxStorageBufferRange;
+  const uint64_t texels = limits.maxTexelBufferElements;
+  const auto refuse = [&](const std::string& what, uint64_t bytes, uint64_t limit) {
+    throw Error(ErrorCode::unsupported, what + " of a " + std::to_string(plan.width) + "x" + std::to_string(plan.height) +
+                                            " image needs " + std::to_string(bytes) + " bytes, this device allows " +
+                                            std::to_string(limit) + "; use a smaller image or the CPU solver");
+  };
+  const uint64_t map = 4ull * layout.map_stride, pixels = 4ull * layout.pixel_words, weights = 4ull * layout.weight_stride;
+  if (map > range || layout.map_stride > texels) refuse("the pyramid", map, std::min(range, 4 * texels));
+  if (pixels > range) refuse("the pixel buffer", pixels, range);
+  const uint64_t elements = 16ull * layout.element_stride;
+  if (elements > range) refuse("the template", elements, range);
+  uint64_t pairs = std::min({range / map, texels / layout.map_stride, range / pixels, range / weights,
+                             static_cast<uint64_t>(limits.maxComputeWorkGroupCount[1]),
+                             static_cast<uint64_t>(limits.maxComputeWorkGroupCount[2])});
+  // Shaders index with 32-bit integers, partly signed.
+  pairs = std::min(pairs, uint64_t{0x7fffffff} / std::max(layout.map_stride, layout.weight_stride));
+  return static_cast<int>(std::min<uint64_t>(pairs, static_cast<uint64_t>(plan.max_pairs)));
+}
+
+WorkgroupSizes::WorkgroupSizes(engine::DeviceType type) {
+  const bool cpu = type == engine::DeviceType::cpu;
+  iterate = cpu ? 8 : 256;
+  map = 64;
+  weights = 256;
+  group_elements = cpu ? 800 : 1024;
+  // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): 10 iterations of 32,768 / 8.
+  fused_elements = cpu ? 32768 : 16384;
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,40 @@
+#pragma once
+#include <array>
+#include <vector>
+
+#include <iclk/align/options.h>
+#include <iclk/engine/context.h>
+#include <iclk/shaders/shared.h>
+
+namespace iclk::internal {
+
+/// Where everything of a plan lies in the device's buffers. Pure arithmetic, no device.
+struct Layout {
+  Layout(const Plan& plan, const AlignerOptions& options);
+
+  std::vector<shaders::LevelInfo> levels;  // finest first
+  uint32_t blocks_x = 0, blocks_y = 0;     // 8x8 blocks that cover an image
+  uint32_t pixel_words = 0;                // 32-bit words of an image's raw pixels
+  uint32_t map_stride = 0;                 // floats of an image's maps
+  uint32_t element_stride = 0;             // elements of a reference's template, all levels
+  uint32_t weight_stride = 0;              // elements of the level that has most
+  uint32_t trace_stride = 0;               // entries of a pair
+
+  uint32_t row_pixels() const { return blocks_x * ICLK_BLOCK; }
+};
+
+/// How many pairs of a plan one batch can hold on a device: as many as its largest buffer may have, at most plan.max_pairs.
+/// Throws Error(unsupported) with the numbers if not even one fits.
+int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDeviceLimits& limits);
+
+/// Invocations a workgroup by what the device is: a CPU runs one SIMD vector at a time and pays for every masked lane.
+struct WorkgroupSizes {
+  explicit WorkgroupSizes(engine::DeviceType type);
+  uint32_t iterate;           // sums with a reduction
+  uint32_t map;               // one invocation a pixel, block or element
+  uint32_t weights;           // one workgroup a pair
+  uint32_t group_elements;    // normal_equations: elements a workgroup
+  uint32_t fused_elements;    // iterate.comp serves levels of up to so many elements
+};
+
+}  // namespace iclk::internal

@@ -1,0 +1,85 @@
+#pragma once
+#include <optional>
+#include <vector>
+
+#include <iclk/align/aligner.h>
+#include <iclk/align/internal/kernels.h>
+#include <iclk/align/internal/verdict.h>
+#include <iclk/engine/memory.h>
+#include <iclk/engine/recorder.h>
+
+namespace iclk::internal {
+
+/// Buffers of an aligner: images, maps, templates.
+struct AlignerBuffers {
+  AlignerBuffers(const Layout& layout, const Plan& plan, const AlignerOptions& options, Solver solver, const WorkgroupSizes& sizes,
+                 bool unified_memory, int batch);
+
+  engine::MemoryPlan plan;
+  engine::BufferId levels, references, features, pixels0, pixels1, maps0, maps1, mask, template_a, template_b, weights, residuals,
+      parts;
+  std::optional<engine::BufferId> staging0, staging1, staging_depth;  // where device memory cannot be mapped
+};
+
+/// Buffers of one run over a batch: what the host says of the pairs and what the device solver leaves.
+struct RunBuffers {
+  RunBuffers(const Layout& layout, bool unified_memory, int pairs);
+
+  engine::MemoryPlan plan;
+  engine::BufferId pairs, states, trace, results;
+  std::optional<engine::BufferId> states_read, trace_read;  // where device memory cannot be mapped
+};
+
+/// Workgroups that one level's normal equations take.
+uint32_t partial_groups(const Layout& layout, const WorkgroupSizes& sizes, int level);
+
+/// Records the stages of an alignment, each under its name. Everything is borrowed.
+struct Stages {
+  const Layout& layout;
+  const Plan& plan;
+  const AlignerOptions& options;
+  const WorkgroupSizes& sizes;
+  const Kernels& kernels;
+  const AlignerBuffers& ids;
+  const engine::Workspace& memory;
+  const RunBuffers& run_ids;
+  const engine::Workspace& run;
+
+  /// Pyramid, mask and Jacobian of the references [first, first + count).
+  void prepare(engine::Recorder& recorder, uint32_t first, uint32_t count) const;
+  /// Pyramids of the first `count` targets.
+  void targets(engine::Recorder& recorder, uint32_t count) const;
+  /// Residual and weights with which a level starts; nothing with unit weights.
+  void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;
+  /// One evaluation of the sums, in parts.
+  void normal_equations(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iteration, uint32_t flags) const;
+  /// The whole coarse-to-fine alignment of the device solver.
+  void align(engine::Recorder& recorder, uint32_t pairs) const;
+  void result(engine::Recorder& recorder, uint32_t pairs) const;
+  /// Makes states and trace readable for the host.
+  void read_back(engine::Recorder& recorder, uint32_t pairs) const;
+
+  /// Room in a descriptor arena for one recording.
+  static engine::ArenaSize arena_size(const Kernels& kernels);
+
+ private:
+  const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
+  void pyramid(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first, uint32_t count) const;
+  shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
+  void iterate(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const;
+};
+
+/// Mapped states or trace, wherever the host can read them.
+const shaders::PairState* read_states(const RunBuffers& ids, const engine::Workspace& run);
+const shaders::TraceEntry* read_trace(const RunBuffers& ids, const engine::Workspace& run);
+
+NormalSums unpack_sums(const float* sums);
+SE3 unpack_pose(const float* pose);
+void pack_pose(const SE3& T, float* pose);
+shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled, const AlignerOptions& options);
+
+/// What the device solver left of a pair, judged like any other.
+Alignment conclude_device(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options,
+                          const Camera& camera, double mean_inverse_depth, const std::vector<FeatureCheck>& checks);
+
+}  // namespace iclk::internal

@@ -1,0 +1,77 @@
+#version 460
+// All iterations of one level of the device solver: residual -> normal equations -> Levenberg-Marquardt step, in one dispatch.
+// One workgroup a pair; the pose stays in registers and every lane solves the 6x6 (8x8 with gain and bias) system itself.
+// Made for patches. Where a pair has so many elements that one workgroup is too few, normal_equations.comp and lm_step.comp do
+// the same in two dispatches an iteration.
+// Groups: (pairs, 1, 1).
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "shared.h"
+layout(local_size_x_id = 0) in;
+layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
+layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; };
+layout(set = 0, binding = 3) uniform samplerBuffer template_a;
+layout(set = 0, binding = 4) uniform samplerBuffer template_b;
+layout(set = 0, binding = 5) uniform samplerBuffer maps1;
+layout(set = 0, binding = 6, std430) readonly buffer Weights { float weights[]; };
+layout(set = 0, binding = 7, std430) buffer States { PairState states[]; };
+layout(set = 0, binding = 8, std430) writeonly buffer Trace { TraceEntry trace[]; };
+layout(push_constant) uniform Push { IteratePush push; };
+#include "se3.glsl"
+#include "level.glsl"
+#include "residual.glsl"
+#include "normal_equations.glsl"
+#include "pair.glsl"
+#include "lm_step.glsl"
+#include "lm_state.glsl"
+
+void evaluate(View view, int count) {
+  clear_sums();
+  for (int k = int(gl_LocalInvocationIndex); k < count; k += int(gl_WorkGroupSize.x)) add_element(view, k);
+  reduce_sums();
+}
+
+void main() {
+  uint pair = gl_WorkGroupID.x;
+  if (pairs[pair].enabled == 0u) return;
+  bool write = gl_LocalInvocationIndex == 0u;
+  bool has_prior = pairs[pair].has_prior != 0u;
+  ReferenceInfo reference = references[pairs[pair].reference];
+  int count = int(levels[push.level].element_count);
+  View view = view_of(pair);
+  Lm lm = load_state(pair);
+  if ((push.flags & ICLK_FLAG_GIVEN) != 0u) {
+    lm.pose = pose_of(pairs[pair].pose);
+    lm.gain = pairs[pair].gain;
+    lm.bias = pairs[pair].bias;
+  }
+  float focal = max(abs(view.camera.fx), abs(view.camera.fy));
+  barrier();  // every lane has its state before lane 0 writes a new one
+
+  bool starts = (push.flags & ICLK_FLAG_START) != 0u, ends = (push.flags & ICLK_FLAG_END) != 0u;
+  uint taken = 0u;
+  if (!starts) begin_level(lm);
+  uint evaluations = starts ? 1u : push.iterations + (ends ? 1u : 0u);
+  for (uint i = 0u; i < evaluations; ++i) {
+    bool last = ends && (lm.done || i == push.iterations);
+    if (lm.done && !ends) break;
+    view.pose = lm.pose;
+    view.gain = lm.gain;
+    view.bias = lm.bias;
+    evaluate(view, count);
+    if (starts) {
+      lm_start_photometric(lm);
+    } else if (last) {
+      lm_end(lm, pair, has_prior);
+      break;
+    } else {
+      lm_advance(lm, pair, i, has_prior, focal, reference.mean_inverse_depth, write);
+      taken = i + 1u;
+    }
+  }
+  if (write) {
+    store_state(pair, lm);
+    if (!starts) states[pair].iterations[push.level] = taken;
+  }
+}

@@ -1,0 +1,42 @@
+#version 460
+// One evaluation of the sums of the normal equations, in parts: each workgroup sums a slice of a pair's elements. The host solver
+// adds the parts on the host, the device solver in lm_step.comp; both in the order of the slices.
+// Groups: (groups, pairs, 1).
+#extension GL_GOOGLE_include_directive : require
+#include "shared.h"
+layout(local_size_x_id = 0) in;
+layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
+layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; };
+layout(set = 0, binding = 3) uniform samplerBuffer template_a;
+layout(set = 0, binding = 4) uniform samplerBuffer template_b;
+layout(set = 0, binding = 5) uniform samplerBuffer maps1;
+layout(set = 0, binding = 6, std430) readonly buffer Weights { float weights[]; };
+layout(set = 0, binding = 7, std430) readonly buffer States { PairState states[]; };
+layout(set = 0, binding = 8, std430) writeonly buffer Parts { vec4 parts[]; };
+layout(push_constant) uniform Push { IteratePush push; };
+#include "se3.glsl"
+#include "level.glsl"
+#include "residual.glsl"
+#include "normal_equations.glsl"
+#include "pair.glsl"
+
+void main() {
+  uint pair = gl_WorkGroupID.y;
+  if (pairs[pair].enabled == 0u) return;
+  View view = view_of(pair);
+  bool given = (push.flags & ICLK_FLAG_GIVEN) != 0u, ends = (push.flags & ICLK_FLAG_END) != 0u;
+  if (!given && !ends && push.iterations > 0u && states[pair].done != 0u) return;
+  set_point(view, pair);
+  uint begin = gl_WorkGroupID.x * push.group_elements;
+  uint end = min(begin + push.group_elements, levels[push.level].element_count);
+  clear_sums();
+  for (uint k = begin + gl_LocalInvocationIndex; k < end; k += gl_WorkGroupSize.x) add_element(view, int(k));
+  reduce_sums();
+  if (gl_LocalInvocationIndex == 0u) {
+    uint at = (pair * push.groups + gl_WorkGroupID.x) * ICLK_SUM_VECTORS;
+    parts[at] = sums[0]; parts[at + 1u] = sums[1]; parts[at + 2u] = sums[2]; parts[at + 3u] = sums[3]; parts[at + 4u] = sums[4];
+    parts[at + 5u] = sums[5]; parts[at + 6u] = sums[6]; parts[at + 7u] = sums[7]; parts[at + 8u] = sums[8]; parts[at + 9u] = sums[9];
+    parts[at + 10u] = sums[10]; parts[at + 11u] = sums[11]; parts[at + 12u] = sums[12]; parts[at + 13u] = sums[13]; parts[at + 14u] = sums[14];
+  }
+}

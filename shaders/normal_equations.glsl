@@ -1,0 +1,75 @@
+// The sums of the normal equations over the elements of one pair at one level (align/internal/normal_equations.h), and their
+// reduction over a workgroup in a fixed order. Needs residual.glsl.
+//
+// Accumulators are indexed by constants only: on lavapipe anything else puts them into memory (5 times slower).
+
+#define ICLK_FOLD 64u  // lanes that keep sums in shared memory; 64 x 15 vec4 = 15 KiB
+shared vec4 folded[64 * ICLK_SUM_VECTORS];
+
+vec4 sums[ICLK_SUM_VECTORS];
+
+void clear_sums() {
+  sums[0] = vec4(0.0); sums[1] = vec4(0.0); sums[2] = vec4(0.0); sums[3] = vec4(0.0); sums[4] = vec4(0.0);
+  sums[5] = vec4(0.0); sums[6] = vec4(0.0); sums[7] = vec4(0.0); sums[8] = vec4(0.0); sums[9] = vec4(0.0);
+  sums[10] = vec4(0.0); sums[11] = vec4(0.0); sums[12] = vec4(0.0); sums[13] = vec4(0.0); sums[14] = vec4(0.0);
+}
+
+void add_element(View view, int k) {
+  vec4 a = texelFetch(template_a, view.template_base + k);
+  vec2 gradient = texelFetch(template_b, view.template_base + k).xy;
+  bool visible;
+  float r = residual_at(view, a, visible);
+  float w = visible ? (view.unit_weights ? 1.0 : weights[view.weight_base + k]) : 0.0;
+  r = visible ? r : 0.0;
+
+  // J = gu ju + gv jv, align/internal/jacobian.h
+  vec2 g = gradient * vec2(view.camera.fx, view.camera.fy);
+  float x = (a.x - view.camera.cx) / view.camera.fx, y = (a.y - view.camera.cy) / view.camera.fy;
+  float gxy = g.x * x + g.y * y;
+  vec4 lo = vec4(g.x * a.z, g.y * a.z, -a.z * gxy, -(y * gxy + g.y));
+  vec4 hi = vec4(x * gxy + g.x, g.y * x - g.x * y, a.w, 1.0);
+
+  vec4 wlo = w * lo, whi = w * hi;
+  sums[0] += wlo.x * lo;
+  sums[1] += wlo.y * lo;
+  sums[2] += wlo.z * lo;
+  sums[3] += wlo.w * lo;
+  sums[4] += wlo.x * hi;
+  sums[5] += wlo.y * hi;
+  sums[6] += wlo.z * hi;
+  sums[7] += wlo.w * hi;
+  sums[8] += whi.x * hi;
+  sums[9] += whi.y * hi;
+  sums[10] += whi.z * hi;
+  sums[11] += whi.w * hi;
+  sums[12] += r * wlo;
+  sums[13] += r * whi;
+  sums[14] += vec4(w * r * r, visible ? 1.0 : 0.0, a.z > 0.0 ? 1.0 : 0.0, 0.0);
+}
+
+// Lanes beyond ICLK_FOLD add theirs in rounds, then every component is summed over the lanes left, always in the same order.
+// Afterwards `sums` of every lane holds the workgroup's total. All lanes must call it.
+void reduce_sums() {
+  uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;
+  uint slot = (lane % ICLK_FOLD) * ICLK_SUM_VECTORS;
+  uint round = lane / ICLK_FOLD, rounds = (lanes + ICLK_FOLD - 1u) / ICLK_FOLD;
+  for (uint i = 0u; i < rounds; ++i) {
+    if (round == i) {
+#define FOLD(n) folded[slot + n] = i == 0u ? sums[n] : folded[slot + n] + sums[n];
+      FOLD(0u) FOLD(1u) FOLD(2u) FOLD(3u) FOLD(4u) FOLD(5u) FOLD(6u) FOLD(7u)
+      FOLD(8u) FOLD(9u) FOLD(10u) FOLD(11u) FOLD(12u) FOLD(13u) FOLD(14u)
+    }
+    barrier();
+  }
+  uint folds = min(lanes, ICLK_FOLD);
+  for (uint n = lane; n < ICLK_SUM_VECTORS; n += lanes) {
+    vec4 total = folded[n];
+    for (uint i = 1u; i < folds; ++i) total += folded[i * ICLK_SUM_VECTORS + n];
+    folded[n] = total;  // column n of lane 0 is read by this lane only
+  }
+  barrier();
+  sums[0] = folded[0]; sums[1] = folded[1]; sums[2] = folded[2]; sums[3] = folded[3]; sums[4] = folded[4];
+  sums[5] = folded[5]; sums[6] = folded[6]; sums[7] = folded[7]; sums[8] = folded[8]; sums[9] = folded[9];
+  sums[10] = folded[10]; sums[11] = folded[11]; sums[12] = folded[12]; sums[13] = folded[13]; sums[14] = folded[14];
+  barrier();  // before the next reduction writes
+}

@@ -1,0 +1,28 @@
+// What the shaders of the iterations know of a pair. Needs shared.h, se3.glsl, level.glsl, residual.glsl and the bindings
+//   levels[], references[], pairs[], states[]  and the push constants IteratePush.
+
+View view_of(uint pair) {
+  uint reference = pairs[pair].reference;
+  LevelInfo info = levels[push.level];
+  View view;
+  view.camera = level_camera(references[reference], info, push.level);
+  view.template_base = int(reference * push.element_stride + info.element_offset);
+  view.map_base = int(pair * push.map_stride + info.map_offset);
+  view.pitch = int(info.pitch);
+  view.weight_base = int(pair * push.weight_stride);
+  view.unit_weights = (push.flags & ICLK_FLAG_UNIT_WEIGHTS) != 0u;
+  return view;
+}
+
+// Where to evaluate: the host's point, or the state's.
+void set_point(inout View view, uint pair) {
+  if ((push.flags & ICLK_FLAG_GIVEN) != 0u) {
+    view.pose = pose_of(pairs[pair].pose);
+    view.gain = pairs[pair].gain;
+    view.bias = pairs[pair].bias;
+  } else {
+    view.pose = pose_of(states[pair].pose);
+    view.gain = states[pair].gain;
+    view.bias = states[pair].bias;
+  }
+}

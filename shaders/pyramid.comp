@@ -1,0 +1,101 @@
+#version 460
+// Grey pyramid, levels 0 to 3 in one pass: pixels -> maps. An invocation makes an 8x8 block of level 0 and what lies above it.
+// Inputs: raw pixels, rows padded to whole blocks. Outputs: one map a level (align/pyramid.h: grey_pyramid); padding holds garbage.
+// Groups: (ceil(blocks_x / local size), blocks_y, images).
+#extension GL_GOOGLE_include_directive : require
+#include "shared.h"
+layout(local_size_x_id = 0) in;
+layout(constant_id = 1) const uint FORMAT = ICLK_FORMAT_RGBA8;
+layout(constant_id = 2) const uint LEVELS = 4;
+
+layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Pixels2 { uvec2 pixels2[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Pixels4 { uvec4 pixels4[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Maps4 { vec4 maps4[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Maps2 { vec2 maps2[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Maps1 { float maps1[]; };
+layout(push_constant) uniform Push { PyramidPush push; };
+
+const vec3 LUMA = vec3(0.299, 0.587, 0.114);
+
+float luma8(uint p) {
+  vec4 c = unpackUnorm4x8(p);
+  return FORMAT == ICLK_FORMAT_BGRA8 ? dot(c.zyx, LUMA) : dot(c.xyz, LUMA);
+}
+
+// Eight pixels of a row, the first at word `w` of the buffer.
+void load_row(uint w, out vec4 a, out vec4 b) {
+  if (FORMAT == ICLK_FORMAT_R8) {
+    uvec2 p = pixels2[w >> 1];
+    a = unpackUnorm4x8(p.x);
+    b = unpackUnorm4x8(p.y);
+  } else if (FORMAT == ICLK_FORMAT_R32F) {
+    a = uintBitsToFloat(pixels4[w >> 2]);
+    b = uintBitsToFloat(pixels4[(w >> 2) + 1]);
+  } else if (FORMAT == ICLK_FORMAT_RGBA32F) {
+    uint q = w >> 2;
+    a = vec4(dot(uintBitsToFloat(pixels4[q].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 1].xyz), LUMA),
+             dot(uintBitsToFloat(pixels4[q + 2].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 3].xyz), LUMA));
+    b = vec4(dot(uintBitsToFloat(pixels4[q + 4].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 5].xyz), LUMA),
+             dot(uintBitsToFloat(pixels4[q + 6].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 7].xyz), LUMA));
+  } else {
+    uvec4 p = pixels4[w >> 2], q = pixels4[(w >> 2) + 1];
+    a = vec4(luma8(p.x), luma8(p.y), luma8(p.z), luma8(p.w));
+    b = vec4(luma8(q.x), luma8(q.y), luma8(q.z), luma8(q.w));
+  }
+}
+
+// Two rows of level 0 to one of level 1.
+vec4 halve(vec4 a0, vec4 b0, vec4 a1, vec4 b1) {
+  return 0.25 * ((vec4(a0.xz, b0.xz) + vec4(a0.yw, b0.yw)) + (vec4(a1.xz, b1.xz) + vec4(a1.yw, b1.yw)));
+}
+
+void main() {
+  uint block_x = gl_GlobalInvocationID.x, block_y = gl_WorkGroupID.y;
+  if (block_x >= push.blocks_x) return;
+  uint image = push.first_image + gl_WorkGroupID.z;
+  uint words = FORMAT == ICLK_FORMAT_R8 ? 2u : FORMAT == ICLK_FORMAT_RGBA32F ? 32u : 8u;  // of eight pixels
+  uint in_pitch = push.blocks_x * words;
+  uint in_base = image * push.pixel_stride + block_x * words;
+  uint out_base = image * push.map_stride;
+  uint last = push.height - 1u;
+  uint y = block_y * ICLK_BLOCK;
+
+  vec4 one[4];
+  uint at0 = out_base + levels[0].map_offset + block_x * 8u;
+#define ROW_PAIR(i)                                                                  \
+  {                                                                                  \
+    uint v0 = y + 2u * i, v1 = v0 + 1u;                                              \
+    vec4 a0, b0, a1, b1;                                                             \
+    load_row(in_base + min(v0, last) * in_pitch, a0, b0);                            \
+    load_row(in_base + min(v1, last) * in_pitch, a1, b1);                            \
+    if (v0 <= last) {                                                                \
+      uint at = (at0 + v0 * levels[0].pitch) >> 2;                                   \
+      maps4[at] = a0;                                                                \
+      maps4[at + 1] = b0;                                                            \
+    }                                                                                \
+    if (v1 <= last) {                                                                \
+      uint at = (at0 + v1 * levels[0].pitch) >> 2;                                   \
+      maps4[at] = a1;                                                                \
+      maps4[at + 1] = b1;                                                            \
+    }                                                                                \
+    one[i] = halve(a0, b0, a1, b1);                                                  \
+    uint v = block_y * 4u + i;                                                       \
+    if (LEVELS > 1 && v < levels[1].height)                                          \
+      maps4[(out_base + levels[1].map_offset + v * levels[1].pitch + block_x * 4u) >> 2] = one[i]; \
+  }
+  ROW_PAIR(0)
+  ROW_PAIR(1)
+  ROW_PAIR(2)
+  ROW_PAIR(3)
+  if (LEVELS > 2) {
+    vec2 two0 = 0.25 * ((one[0].xz + one[0].yw) + (one[1].xz + one[1].yw));
+    vec2 two1 = 0.25 * ((one[2].xz + one[2].yw) + (one[3].xz + one[3].yw));
+    uint v = block_y * 2u;
+    uint at = out_base + levels[2].map_offset + v * levels[2].pitch + block_x * 2u;
+    if (v < levels[2].height) maps2[at >> 1] = two0;
+    if (v + 1u < levels[2].height) maps2[(at + levels[2].pitch) >> 1] = two1;
+    if (LEVELS > 3 && block_y < levels[3].height)
+      maps1[out_base + levels[3].map_offset + block_y * levels[3].pitch + block_x] = 0.25 * ((two0.x + two0.y) + (two1.x + two1.y));
+  }
+}

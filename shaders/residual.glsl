@@ -1,0 +1,31 @@
+// Residual of one element (align/internal/normal_equations.h: residuals). Needs level.glsl, se3.glsl and the bindings
+//   template_a, template_b, maps1 (samplerBuffer), weights[] of the including shader.
+
+// Everything that the elements of a pair share.
+struct View {
+  LevelCamera camera;
+  Pose pose;
+  float gain, bias;
+  int template_base, map_base, pitch, weight_base;
+  bool unit_weights;
+};
+
+// f1(warp(u)) - (gain f0 + bias); visible = in front of camera 1 and inside the image.
+float residual_at(View view, vec4 a, out bool visible) {
+  vec2 focal = vec2(view.camera.fx, view.camera.fy), principal = vec2(view.camera.cx, view.camera.cy);
+  vec2 ray = (a.xy - principal) / focal;
+  vec3 p = view.pose.R * vec3(ray, 1.0) + a.z * view.pose.t;
+  float iz = 1.0 / p.z;
+  vec2 w = p.xy * iz * focal + principal;
+  vec2 last = vec2(view.camera.last_u, view.camera.last_v);
+  visible = a.z > 0.0 && p.z > ICLK_LEAST_DEPTH && w.x >= 0.0 && w.y >= 0.0 && w.x <= last.x && w.y <= last.y;
+  // An invisible pixel reads a place that exists; its value is not used.
+  w = visible ? w : vec2(0.0);
+  vec2 corner = min(floor(w), last - 1.0);
+  vec2 f = w - corner;
+  int at = view.map_base + int(corner.y) * view.pitch + int(corner.x);
+  vec2 top = vec2(texelFetch(maps1, at).x, texelFetch(maps1, at + 1).x);
+  vec2 bottom = vec2(texelFetch(maps1, at + view.pitch).x, texelFetch(maps1, at + view.pitch + 1).x);
+  vec2 left_right = mix(top, bottom, f.y);
+  return mix(left_right.x, left_right.y, f.x) - (view.gain * a.w + view.bias);
+}
