@@ -34,10 +34,11 @@ void check_limits(const Context& context, const BufferDescription& buffer) {
 }
 
 VkBuffer create_buffer(const Context& context, const BufferDescription& buffer) {
-  check_limits(context, buffer);
-  // More than this no heap has, and no driver needs to be asked.
+  // No heap has more, and below this no sum overflows.
   if (buffer.bytes > VkDeviceSize{1} << 48)
-    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + bytes_in_words(buffer.bytes));
+    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + bytes_in_words(buffer.bytes) +
+                                            ", more than any device has; plan smaller images or fewer pairs at a time");
+  check_limits(context, buffer);
   VkBufferCreateInfo info{VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO};
   info.size = rounded(buffer.bytes);
   info.usage = VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;

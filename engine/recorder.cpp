@@ -127,8 +127,8 @@ void Recorder::copy_image_to_buffer(const ForeignImage& image, const Buffer& des
   };
   constexpr uint32_t ignored = VK_QUEUE_FAMILY_IGNORED;
   const bool foreign = image.queue_family != ignored && image.queue_family != context_.queue_family();
-  const bool readable = image.layout == VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL || image.layout == VK_IMAGE_LAYOUT_GENERAL;
-  const VkImageLayout reading = readable ? image.layout : VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
+  const bool readable = image.layout == VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
+  constexpr VkImageLayout reading = VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
   // Ownership and layout change in two steps, so that the application's half names no layout but its own.
   if (foreign) place(device, device, 0, any_access, image.layout, image.layout, image.queue_family, context_.queue_family());
   place(device, transfer, write_access, VK_ACCESS_TRANSFER_READ_BIT, image.layout, reading, ignored, ignored);
