@@ -360,6 +360,9 @@ DeviceAligner::Maps DeviceAligner::maps() const {
   return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &m.memory[m.ids.maps0], &m.memory[m.ids.maps1], m.layout.map_stride};
 }
 
+const engine::Buffer& DeviceAligner::template_pixels() const { return impl_->memory[impl_->ids.template_a]; }
+const engine::Buffer& DeviceAligner::template_gradients() const { return impl_->memory[impl_->ids.template_b]; }
+
 void DeviceAligner::enable_timing(bool on) {
   impl_->timer = on ? std::make_unique<engine::StageTimer>(impl_->context) : nullptr;
 }

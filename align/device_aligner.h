@@ -86,6 +86,9 @@ class DeviceAligner : public Aligner {
     uint32_t map_stride;
   };
   Maps maps() const;
+  /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/jacobian.comp.
+  const engine::Buffer& template_pixels() const;
+  const engine::Buffer& template_gradients() const;
   const std::shared_ptr<const engine::Context>& context() const;
 
   /// Device time a stage of all align() calls since clear; empty unless timing was switched on.
