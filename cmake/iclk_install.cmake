@@ -1,4 +1,5 @@
-# Install rules: the static libraries, their public headers under include/iclk/<room>, the CMake package, the iclk command.
+# Install rules: the static libraries, their public headers under include/iclk/<room>, the CMake package. (The command
+# is installed by apps/.)
 # SPIR-V is embedded in the libraries; headers under <room>/internal stay here.
 include(CMakePackageConfigHelpers)
 set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
@@ -7,9 +8,6 @@ install(TARGETS iclk_engine iclk_align iclk_refine EXPORT iclk ARCHIVE DESTINATI
 install(DIRECTORY engine align refine DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk
   FILES_MATCHING PATTERN "*.h" PATTERN internal EXCLUDE)
 install(FILES shaders/shared.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders)
-if(TARGET iclk)
-  install(TARGETS iclk RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR})
-endif()
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 install(EXPORT iclk NAMESPACE iclk:: FILE iclkTargets.cmake DESTINATION ${ICLK_PACKAGE_DIR})
