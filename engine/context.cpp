@@ -1,6 +1,6 @@
 #include <iclk/engine/context.h>
 
-#include <iclk/engine/instance.h>
+#include <iclk/engine/internal/instance.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {

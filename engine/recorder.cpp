@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include <iclk/engine/format.h>
+#include <iclk/engine/internal/hazards.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {
@@ -19,10 +20,12 @@ bool inside(VkDeviceSize offset, VkDeviceSize bytes, VkDeviceSize size) { return
 }  // namespace
 
 Recorder::Recorder(const Context& context, VkCommandBuffer commands, DescriptorArena& arena, StageTimer* timer)
-    : context_(context), commands_(commands), arena_(arena), timer_(timer) {
+    : context_(context), commands_(commands), arena_(arena), timer_(timer), hazards_(std::make_unique<HazardTracker>()) {
   if (!commands) reject("Recorder: the command buffer is null");
   if (timer_) timer_->begin(commands_);
 }
+
+Recorder::~Recorder() = default;
 
 void Recorder::stage(const char* name) {
   if (timer_) timer_->mark(commands_, name);
@@ -33,7 +36,7 @@ void Recorder::finish() {
 }
 
 void Recorder::require(Stage stage, std::span<const Use> uses) {
-  const std::optional<Barrier> barrier = hazards_.before(stage, uses);
+  const std::optional<Barrier> barrier = hazards_->before(stage, uses);
   if (!barrier) return;
   const VkMemoryBarrier memory{VK_STRUCTURE_TYPE_MEMORY_BARRIER, nullptr, barrier->source_access, barrier->destination_access};
   context_.vk().CmdPipelineBarrier(commands_, barrier->source_stages, barrier->destination_stages, 0, 1, &memory, 0, nullptr, 0, nullptr);

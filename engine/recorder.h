@@ -1,16 +1,20 @@
 #pragma once
 #include <cstring>
 #include <initializer_list>
+#include <memory>
 #include <span>
 #include <string>
 #include <type_traits>
 #include <vector>
 
 #include <iclk/engine/descriptor_arena.h>
-#include <iclk/engine/hazards.h>
 #include <iclk/engine/timing.h>
 
 namespace iclk::engine {
+
+class HazardTracker;
+enum class Stage : uint8_t;
+struct Use;
 
 /// Workgroups of a dispatch.
 struct Groups {
@@ -42,6 +46,7 @@ struct ForeignImage {
 class Recorder {
  public:
   Recorder(const Context& context, VkCommandBuffer commands, DescriptorArena& arena, StageTimer* timer = nullptr);
+  ~Recorder();  ///< records nothing
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
@@ -97,7 +102,7 @@ class Recorder {
   VkCommandBuffer commands_;
   DescriptorArena& arena_;
   StageTimer* timer_;
-  HazardTracker hazards_;
+  std::unique_ptr<HazardTracker> hazards_;
   VkPipeline bound_ = VK_NULL_HANDLE;
   std::vector<Use> uses_;  // kept for its capacity
   uint32_t barriers_ = 0, dispatches_ = 0;

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <iclk/engine/error.h>
-#include <iclk/engine/instance.h>
+#include <iclk/engine/internal/instance.h>
 #include <iclk/engine/result.h>
 
 #include "kernels.h"

@@ -1,4 +1,4 @@
-#include <iclk/engine/hazards.h>
+#include <iclk/engine/internal/hazards.h>
 
 #include <gtest/gtest.h>
 

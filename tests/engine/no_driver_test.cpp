@@ -33,12 +33,9 @@ TEST(NoDriver, IsATypedErrorWithARemedy) {
       EXPECT_NE(message.find("CPU solver"), std::string::npos) << message;
     }
   }
-}
-
-TEST(NoDriver, OrTheLoaderIsOpenedForAnAdoptedDevice) {
-  if (!without_loader()) GTEST_SKIP() << "runs where libvulkan.so.1 cannot be opened";
-  HostDevice host;
-  host.instance = reinterpret_cast<VkInstance>(8);  // never dereferenced: there is no loader to do it
+  if (!without_loader()) return;
+  HostDevice host;  // of handles that are never dereferenced: there is no loader to do it
+  host.instance = reinterpret_cast<VkInstance>(8);
   host.physical_device = reinterpret_cast<VkPhysicalDevice>(8);
   host.device = reinterpret_cast<VkDevice>(8);
   host.queue = reinterpret_cast<VkQueue>(8);

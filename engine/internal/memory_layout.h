@@ -1,5 +1,5 @@
 #pragma once
-// Internal to engine: where every buffer of a plan lies.
+// Where every buffer of a plan lies.
 #include <vector>
 
 #include <iclk/engine/memory.h>

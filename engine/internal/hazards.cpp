@@ -1,4 +1,4 @@
-#include <iclk/engine/hazards.h>
+#include <iclk/engine/internal/hazards.h>
 
 namespace iclk::engine {
 namespace {

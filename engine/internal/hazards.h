@@ -1,5 +1,5 @@
 #pragma once
-// Internal to engine: which barrier a command needs. Knows no Vulkan object; tested without a device.
+// Which barrier a command needs. Knows no Vulkan object; tested without a device.
 #include <cstdint>
 #include <optional>
 #include <span>

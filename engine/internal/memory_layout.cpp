@@ -1,4 +1,4 @@
-#include <iclk/engine/memory_layout.h>
+#include <iclk/engine/internal/memory_layout.h>
 
 #include <array>
 

@@ -1,4 +1,4 @@
-#include <iclk/engine/loader.h>
+#include <iclk/engine/internal/loader.h>
 
 #include <dlfcn.h>
 

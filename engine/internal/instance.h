@@ -1,5 +1,5 @@
 #pragma once
-// Internal to engine: the instance, its validation and the questions to physical devices.
+// The instance, its validation and the questions to physical devices.
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -7,7 +7,7 @@
 #include <vector>
 
 #include <iclk/engine/context.h>
-#include <iclk/engine/loader.h>
+#include <iclk/engine/internal/loader.h>
 
 namespace iclk::engine {
 

@@ -1,4 +1,4 @@
-#include <iclk/engine/instance.h>
+#include <iclk/engine/internal/instance.h>
 
 #include <algorithm>
 #include <cstring>
