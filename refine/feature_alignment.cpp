@@ -151,16 +151,24 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
     f.status = FeatureStatus::out_of_image;
     return f;
   }
+  const Eigen::Matrix2d photometric = t.S_inverse * (s.variance / (s.gain * s.gain));
+  if (!std::isfinite(s.gain + s.bias + s.correlation) || (f.status == FeatureStatus::aligned && !photometric.allFinite())) {
+    f.status = FeatureStatus::diverged;  // NaN or infinite pixels
+    return f;
+  }
   f.gain = s.gain;
   f.bias = s.bias;
   f.correlation = s.correlation;
   if (f.status != FeatureStatus::aligned) return f;
-  if (!(s.correlation >= options.min_correlation)) f.status = FeatureStatus::bad_match;
+  if (!(s.correlation >= options.min_correlation)) {
+    f.status = FeatureStatus::bad_match;
+    return f;
+  }
   // The noise of both images went through an interpolation that the residual shows and the position does not: it smooths
   // what varies from pixel to pixel, and the position follows what varies slowly.
   const double g2 = s.gain * s.gain;
   const double smoothing = (1 + g2) / (interpolation_noise(c1.x() - kCentre, c1.y() - kCentre) + g2 * t.noise);
-  f.covariance = t.S_inverse * (s.variance * smoothing / g2);
+  f.covariance = photometric * smoothing;
   return f;
 }
 

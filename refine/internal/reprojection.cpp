@@ -130,6 +130,7 @@ double cauchy_cost(std::span<const double> norms, double scale) {
 }
 
 double variance_factor(std::span<const double> norms, double scale, int parameters) {
+  if (norms.empty()) return 0;
   double psi2 = 0, w1 = 0, w2 = 0;
   for (double r : norms) {
     const double w = std::isfinite(r) ? 1 / (1 + r * r / (scale * scale)) : 0;
@@ -139,7 +140,12 @@ double variance_factor(std::span<const double> norms, double scale, int paramete
   }
   const double n = static_cast<double>(norms.size());
   const double freedom = std::max(2 * n - parameters, 1.0);
-  return w2 > 0 ? psi2 / freedom * (w1 / n) / (w2 * w2 / (n * n)) : 0;
+  const double huber = w2 > 0 ? psi2 / freedom * (w1 / n) / (w2 * w2 / (n * n)) : 0;
+  std::vector<double> sorted(norms.begin(), norms.end());
+  const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), middle, sorted.end());
+  const double median = *middle * *middle / (2 * std::log(2.0)) * 2 * n / freedom;  // |r|^2 of a 2D Gaussian has the median 2 ln 2 sigma^2
+  return std::max(huber, std::isfinite(median) ? median : 0.0);
 }
 
 ceres::Solver::Options solver_options(int iterations) {

@@ -64,7 +64,9 @@ double cauchy_cost(std::span<const double> norms, double scale);
 
 /// What the M-estimator makes of residuals that do not all come from one Gaussian: with psi(r) = w r,
 ///   covariance = factor (J^T W J)^-1,   factor = [sum |psi|^2 / (2 n - p)] mean(w) / mean(w^2)^2
-/// (Huber 1981, 7.6; mean psi' of the Cauchy loss in two dimensions is the mean of w^2).
+/// (Huber 1981, 7.6; mean psi' of the Cauchy loss in two dimensions is the mean of w^2). Never less than the variance that the median
+/// of |r| stands for: where residuals are wider than the loss, the estimate seeks a mode and the formula is far too sure of it
+/// (residuals of 1 px, loss of 0.3 px, 50 features: normalised error 4.6 without, 0.5 with).
 double variance_factor(std::span<const double> norms, double scale, int parameters);
 
 ceres::Solver::Options solver_options(int iterations);
