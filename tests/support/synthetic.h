@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <random>
@@ -42,25 +43,36 @@ struct Picture {
   ImageView view() const { return {data.data(), width, height, 0, PixelFormat::r32f}; }
 };
 
-/// Grey value of the surface at X0 of camera 0; in [0, 1] nearly always, never clamped.
-inline double texture(const Scene& scene, const Eigen::Vector3d& X0) {
-  std::mt19937 random(scene.seed);
-  const auto uniform = [&] { return static_cast<double>(random()) / 4294967296.0; };
-  const double px_per_unit = std::abs(scene.camera.fx) / scene.distance;
-  double sum = 0;
-  for (int k = 0; k < scene.waves; ++k) {
-    const double wavelength = scene.shortest * std::pow(32.0, static_cast<double>(k) / std::max(1, scene.waves - 1));
-    const double f = 2 * M_PI / wavelength * px_per_unit, direction = 2 * M_PI * uniform(), phase = 2 * M_PI * uniform();
-    sum += std::sin(f * (std::cos(direction) * X0.x() + std::sin(direction) * X0.y()) + phase);
+/// The surface's grey value over (X, Y) of camera 0; in [0, 1] nearly always, never clamped.
+class Texture {
+ public:
+  explicit Texture(const Scene& scene) : contrast_(scene.contrast) {
+    std::mt19937 random(scene.seed);
+    const auto uniform = [&] { return static_cast<double>(random()) / 4294967296.0; };
+    const double px_per_unit = std::abs(scene.camera.fx) / scene.distance;
+    for (int k = 0; k < scene.waves; ++k) {
+      const double wavelength = scene.shortest * std::pow(32.0, static_cast<double>(k) / std::max(1, scene.waves - 1));
+      const double f = 2 * M_PI / wavelength * px_per_unit, direction = 2 * M_PI * uniform(), phase = 2 * M_PI * uniform();
+      waves_.push_back({f * std::cos(direction), f * std::sin(direction), phase});
+    }
   }
-  return 0.5 + scene.contrast * sum;
-}
+  double operator()(const Eigen::Vector3d& X0) const {
+    double sum = 0;
+    for (const Eigen::Vector3d& w : waves_) sum += std::sin(w.x() * X0.x() + w.y() * X0.y() + w.z());
+    return 0.5 + contrast_ * sum;
+  }
+
+ private:
+  double contrast_;
+  std::vector<Eigen::Vector3d> waves_;
+};
 
 /// `which` 0: image 0; 1: image 1. The noise of a picture depends on `noise_seed` alone.
 inline Picture render(const Scene& scene, int which, uint32_t noise_seed = 0) {
   const Camera& c = scene.camera;
   Picture picture{c.width, c.height, std::vector<float>(static_cast<size_t>(c.width) * c.height)};
   const SE3 T_1c = which == 1 ? scene.T_10 : SE3{};
+  const Texture texture(scene);
   const Eigen::Vector3d n1 = T_1c.R * scene.normal;
   const SE3 T_c1 = T_1c.inverse();
   std::mt19937 random(2 * noise_seed + static_cast<uint32_t>(which));
@@ -69,7 +81,7 @@ inline Picture render(const Scene& scene, int which, uint32_t noise_seed = 0) {
     for (int u = 0; u < c.width; ++u) {
       const Eigen::Vector3d ray = c.ray({u, v});
       const double z = (scene.distance + n1.dot(T_1c.t)) / n1.dot(ray);
-      double I = texture(scene, T_c1 * (ray * z));
+      double I = texture(T_c1 * (ray * z));
       if (which == 1) I = scene.gain * I + scene.bias;
       if (scene.noise > 0) I += scene.noise * normal(random);
       picture.data[static_cast<size_t>(v) * c.width + u] = static_cast<float>(I);
