@@ -128,6 +128,19 @@ cv::Mat render(const Camera& camera, const SE3& T_cw, double gain, double bias, 
   return image;
 }
 
+cv::Mat render_depth(const Camera& camera, const SE3& T_cw) {
+  const SE3 T_wc = T_cw.inverse();
+  cv::Mat depth(camera.height, camera.width, CV_32FC1);
+  cv::parallel_for_({0, camera.height}, [&](const cv::Range& rows) {
+    for (int v = rows.start; v < rows.end; ++v)
+      for (int u = 0; u < camera.width; ++u) {
+        // The ray's third component is 1 in the camera: the parameter is the depth.
+        depth.at<float>(v, u) = static_cast<float>(cast(T_wc.t, T_wc.R * camera.ray({u, v})));
+      }
+  });
+  return depth;
+}
+
 }  // namespace
 
 SE3 demo_motion() {
@@ -143,12 +156,8 @@ ScenePair make_scene_pair(const SE3& T_10, const SceneOptions& options) {
   pair.T_10 = T_10;
   pair.image_0 = render(pair.camera, SE3(), 1, 0, options.noise, 2 * options.seed);
   pair.image_1 = render(pair.camera, T_10, options.gain, options.bias, options.noise, 2 * options.seed + 1);
-  pair.depth_0.create(options.height, options.width, CV_32FC1);
-  for (int v = 0; v < options.height; ++v)
-    for (int u = 0; u < options.width; ++u) {
-      const Eigen::Vector3d d = pair.camera.ray({u, v});
-      pair.depth_0.at<float>(v, u) = static_cast<float>(cast(Eigen::Vector3d::Zero(), d));  // d.z = 1: the parameter is the depth
-    }
+  pair.depth_0 = render_depth(pair.camera, SE3());
+  pair.depth_1 = render_depth(pair.camera, T_10);
   return pair;
 }
 

@@ -12,7 +12,7 @@ namespace iclk {
 struct ScenePair {
   Camera camera;
   cv::Mat image_0, image_1;  ///< CV_8UC3, BGR
-  cv::Mat depth_0;           ///< CV_32FC1, metres
+  cv::Mat depth_0, depth_1;  ///< CV_32FC1, metres, of each camera
   SE3 T_10;                  ///< truth
 };
 
