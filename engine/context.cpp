@@ -70,8 +70,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   c.physical_device_ = devices[choice.index];
   c.cpu_unasked_ = choice.cpu_unasked;
   const DeviceRequirements needed = requirements();
-  c.queue_family_ =
-      static_cast<uint32_t>(choose_queue_family(capabilities[choice.index].queue_families, needed.queue_flags));
+  c.queue_family_ = static_cast<uint32_t>(choose_queue_family(capabilities[choice.index].queue_families, needed.queue_flags));
 
   const float priority = 1.0f;
   VkDeviceQueueCreateInfo queue{VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO};
@@ -87,7 +86,8 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   info.ppEnabledExtensionNames = extensions.data();
   info.pEnabledFeatures = &needed.features;
   VkDevice device = VK_NULL_HANDLE;
-  check(vk.CreateDevice(c.physical_device_, &info, nullptr, &device), "vkCreateDevice", infos[choice.index].name);
+  check(vk.CreateDevice(c.physical_device_, &info, nullptr, &device), "vkCreateDevice",
+        infos[choice.index].name + "; choose another of: " + engine::describe(infos));
   try {
     c.vk_ = load_device_functions(vk.GetDeviceProcAddr, device);
   } catch (...) {
@@ -127,7 +127,8 @@ std::shared_ptr<Context> ContextBuilder::adopt(const HostDevice& host) {
   const DeviceCapabilities capabilities = capabilities_of(c.instance_functions_, host.physical_device);
   const auto& families = capabilities.queue_families;
   if (host.queue_family >= families.size())
-    reject("queue_family " + std::to_string(host.queue_family) + " does not exist; the device has " + std::to_string(families.size()));
+    reject("queue_family " + std::to_string(host.queue_family) + " does not exist; the device has " +
+           std::to_string(families.size()));
   if (!(families[host.queue_family].queueFlags & VK_QUEUE_COMPUTE_BIT))
     reject("queue_family " + std::to_string(host.queue_family) + " has no COMPUTE; see requirements().queue_flags");
   c.instance_ = host.instance;
@@ -161,7 +162,8 @@ void Context::submit(VkCommandBuffer commands, VkFence fence) const {
 
 void Context::name_object(VkObjectType type, uint64_t handle, const std::string& name) const {
   if (!set_name_) return;
-  const VkDebugUtilsObjectNameInfoEXT info{VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT, nullptr, type, handle, name.c_str()};
+  const VkDebugUtilsObjectNameInfoEXT info{VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT, nullptr, type, handle,
+                                           name.c_str()};
   set_name_(device_, &info);  // a name that is not taken harms nobody
 }
 

@@ -14,8 +14,9 @@ namespace iclk::engine {
 enum class MessageSeverity { info, warning, error };
 
 struct ContextOptions {
-  std::string device;       ///< request of choose_device(): empty, index, part of a name, UUID
-  bool validation = false;  ///< VK_LAYER_KHRONOS_validation with synchronization validation; Error(unsupported) where it is missing
+  std::string device;  ///< request of choose_device(): empty, index, part of a name, UUID
+  /// VK_LAYER_KHRONOS_validation with synchronization validation; Error(unsupported) where it is missing.
+  bool validation = false;
   /// Receives what validation has to say. May be called from any thread that uses the context, one call at a time.
   std::function<void(MessageSeverity, const std::string&)> on_message;
 };
@@ -23,15 +24,16 @@ struct ContextOptions {
 /// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is
 /// ever destroyed by us, and no other queue is touched.
 struct HostDevice {
-  VkInstance instance = VK_NULL_HANDLE;              ///< made with VkApplicationInfo::apiVersion >= 1.1
+  VkInstance instance = VK_NULL_HANDLE;  ///< made with VkApplicationInfo::apiVersion >= 1.1
   VkPhysicalDevice physical_device = VK_NULL_HANDLE;
   VkDevice device = VK_NULL_HANDLE;
-  VkQueue queue = VK_NULL_HANDLE;                    ///< for blocking calls; of queue_family. Foreign recordings never touch it
-  uint32_t queue_family = 0;                         ///< with COMPUTE; graphics is not needed
+  VkQueue queue = VK_NULL_HANDLE;  ///< for blocking calls; of queue_family. Foreign recordings never touch it
+  uint32_t queue_family = 0;       ///< with COMPUTE; graphics is not needed
   PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;  ///< null: libvulkan.so.1 is opened
-  /// Called around every vkQueueSubmit on `queue`, if the application uses that queue from other threads. Both or neither.
+  /// Called around every vkQueueSubmit on `queue`, if the application uses that queue from other threads. Both or neither;
+  /// neither may call iclk, and unlock_queue may not throw.
   std::function<void()> lock_queue, unlock_queue;
-  VkPipelineCache pipeline_cache = VK_NULL_HANDLE;   ///< null: the context makes its own
+  VkPipelineCache pipeline_cache = VK_NULL_HANDLE;  ///< null: the context makes its own
 };
 
 /// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions hold a shared_ptr to it, so the order
@@ -94,8 +96,8 @@ class Context {
   PFN_vkSetDebugUtilsObjectNameEXT set_name_ = nullptr;
 };
 
-/// Every Vulkan device of this machine, usable or not (DeviceInfo::rejected). The index is the one that ContextOptions::device takes.
-/// Throws Error(no_driver) without a Vulkan loader or driver; an empty list when drivers find no device.
+/// Every Vulkan device of this machine, usable or not (DeviceInfo::rejected). The index is the one that ContextOptions::device
+/// takes. Throws Error(no_driver) without a Vulkan loader or driver; an empty list when drivers find no device.
 std::vector<DeviceInfo> list_devices();
 
 /// Chooses a device and creates it, with one queue: compute without graphics where there is such a family.

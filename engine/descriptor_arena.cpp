@@ -12,7 +12,9 @@ void ArenaSize::add(const Kernel& kernel, uint32_t count) {
   sets += count;
   for (BindingKind kind : kernel.bindings()) {
     const VkDescriptorType type = descriptor_type(kind);
-    (type == VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER ? texel : type == VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER ? uniform : storage) += count;
+    (type == VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER ? texel
+     : type == VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER     ? uniform
+                                                     : storage) += count;
   }
 }
 
@@ -35,7 +37,9 @@ DescriptorArena::~DescriptorArena() { context_->vk().DestroyDescriptorPool(conte
 
 VkDescriptorSet DescriptorArena::set(const Kernel& kernel, std::span<const Buffer* const> buffers) {
   const std::span<const BindingKind> kinds = kernel.bindings();
-  const auto reject = [&](ErrorCode code, const std::string& why) { throw Error(code, "kernel '" + kernel.name() + "': " + why); };
+  const auto reject = [&](ErrorCode code, const std::string& why) {
+    throw Error(code, "kernel '" + kernel.name() + "': " + why);
+  };
   if (buffers.size() != kinds.size())
     reject(ErrorCode::invalid_argument,
            std::to_string(buffers.size()) + " buffers for " + std::to_string(kinds.size()) + " bindings");
@@ -46,8 +50,8 @@ VkDescriptorSet DescriptorArena::set(const Kernel& kernel, std::span<const Buffe
     const bool texel = kinds[i] == BindingKind::texel_read;
     if (texel && !buffer->view)
       reject(ErrorCode::invalid_argument, "binding " + std::to_string(i) + " is texel_read, but its buffer has no texel view");
-    const uint64_t limit = kinds[i] == BindingKind::uniform ? context_->limits().maxUniformBufferRange
-                                                            : context_->limits().maxStorageBufferRange;
+    const uint64_t limit =
+        kinds[i] == BindingKind::uniform ? context_->limits().maxUniformBufferRange : context_->limits().maxStorageBufferRange;
     if (!texel && buffer->size > limit)
       reject(ErrorCode::unsupported, "binding " + std::to_string(i) + " has " + bytes_in_words(buffer->size) + ", " +
                                          context_->info().name + " binds at most " + bytes_in_words(limit));
@@ -59,8 +63,8 @@ VkDescriptorSet DescriptorArena::set(const Kernel& kernel, std::span<const Buffe
   used.add(kernel);
   if (used.sets > size_.sets || used.storage > size_.storage || used.texel > size_.texel || used.uniform > size_.uniform)
     reject(ErrorCode::invalid_argument, "the descriptor arena of " + std::to_string(size_.sets) + " sets, " +
-                                            std::to_string(size_.storage) + " storage, " + std::to_string(size_.texel) + " texel, " +
-                                            std::to_string(size_.uniform) + " uniform is full; make it larger");
+                                            std::to_string(size_.storage) + " storage, " + std::to_string(size_.texel) +
+                                            " texel, " + std::to_string(size_.uniform) + " uniform is full; make it larger");
   const VkDescriptorSetLayout layout = kernel.set_layout();
   const VkDescriptorSetAllocateInfo allocate{VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO, nullptr, pool_, 1, &layout};
   VkDescriptorSet set = VK_NULL_HANDLE;

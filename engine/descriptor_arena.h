@@ -28,8 +28,8 @@ class DescriptorArena {
   DescriptorArena(const DescriptorArena&) = delete;
   DescriptorArena& operator=(const DescriptorArena&) = delete;
 
-  /// The set that binds buffers[i] to binding i, whole. Throws Error(invalid_argument): the count differs from the kernel's, a null
-  /// buffer, a texel binding without a view, or the arena is full; Error(unsupported): beyond maxStorageBufferRange.
+  /// The set that binds buffers[i] to binding i, whole. Throws Error(invalid_argument): the count differs from the kernel's, a
+  /// null buffer, a texel binding without a view, or the arena is full; Error(unsupported): beyond maxStorageBufferRange.
   VkDescriptorSet set(const Kernel& kernel, std::span<const Buffer* const> buffers);
 
   /// Frees every set. Precondition: no command buffer that uses them is pending or will be submitted again.

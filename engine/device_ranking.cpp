@@ -49,7 +49,8 @@ std::vector<size_t> matches(std::span<const DeviceInfo> devices, std::string_vie
   const std::string part = lower(request);
   std::vector<size_t> found;
   for (size_t i = 0; i < devices.size(); ++i) {
-    const bool match = uuid ? as_uuid(uuid_text(devices[i].uuid)) == uuid : lower(devices[i].name).find(part) != std::string::npos;
+    const bool match =
+        uuid ? as_uuid(uuid_text(devices[i].uuid)) == uuid : lower(devices[i].name).find(part) != std::string::npos;
     if (match) found.push_back(i);
   }
   return found;
@@ -95,8 +96,8 @@ DeviceChoice choose_device(std::span<const DeviceInfo> devices, std::string_view
   const std::vector<size_t> found = matches(devices, request);
   const std::string asked = std::string("'").append(request).append("'");
   if (found.empty())
-    throw Error(ErrorCode::no_device, (request.empty() ? "no Vulkan device" : "no device matches " + asked) +
-                                          "; devices: " + describe(devices));
+    throw Error(ErrorCode::no_device,
+                (request.empty() ? "no Vulkan device" : "no device matches " + asked) + "; devices: " + describe(devices));
   std::optional<size_t> best;
   for (size_t i : found)
     if (devices[i].rejected.empty() && (!best || devices[i].type < devices[*best].type)) best = i;

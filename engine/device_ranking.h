@@ -13,20 +13,20 @@ const char* name(DeviceType type);
 
 /// What one Vulkan device says of itself.
 struct DeviceInfo {
-  std::string name;                    ///< "llvmpipe (LLVM 15.0.6, 256 bits)"
+  std::string name;  ///< "llvmpipe (LLVM 15.0.6, 256 bits)"
   DeviceType type = DeviceType::other;
-  std::array<uint8_t, 16> uuid{};      ///< VkPhysicalDeviceIDProperties::deviceUUID
-  uint32_t api_version = 0;            ///< VK_MAKE_API_VERSION
-  uint32_t driver_version = 0;         ///< the vendor's own packing
-  std::string driver_name;             ///< "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"; empty where the driver does not tell
-  uint64_t device_memory = 0;          ///< bytes of the largest device-local heap
-  uint64_t max_storage_buffer_range = 0;    ///< bytes of one storage buffer binding
-  uint64_t max_texel_buffer_elements = 0;   ///< texels of one texel buffer
+  std::array<uint8_t, 16> uuid{};          ///< VkPhysicalDeviceIDProperties::deviceUUID
+  uint32_t api_version = 0;                ///< VK_MAKE_API_VERSION
+  uint32_t driver_version = 0;             ///< the vendor's own packing
+  std::string driver_name;                 ///< "llvmpipe Mesa 22.3.6 (LLVM 15.0.6)"; empty where the driver does not tell
+  uint64_t device_memory = 0;              ///< bytes of the largest device-local heap
+  uint64_t max_storage_buffer_range = 0;   ///< bytes of one storage buffer binding
+  uint64_t max_texel_buffer_elements = 0;  ///< texels of one texel buffer
   uint32_t max_workgroup_invocations = 0;
-  uint32_t max_shared_memory = 0;           ///< bytes of one workgroup
-  uint32_t subgroup_size = 0;               ///< invocations
-  uint32_t subgroup_operations = 0;         ///< VkSubgroupFeatureFlags in compute shaders; 0 = do not use subgroups
-  std::string rejected;                     ///< why iclk cannot use it; empty = usable
+  uint32_t max_shared_memory = 0;    ///< bytes of one workgroup
+  uint32_t subgroup_size = 0;        ///< invocations
+  uint32_t subgroup_operations = 0;  ///< VkSubgroupFeatureFlags in compute shaders; 0 = do not use subgroups
+  std::string rejected;              ///< why iclk cannot use it; empty = usable
 };
 
 /// "9b1e6c0a-....": the form that choose_device accepts and `iclk devices` prints.

@@ -5,14 +5,14 @@
 namespace iclk {
 
 enum class ErrorCode {
-  invalid_argument,    ///< the caller's input; the message names the value and the remedy
-  unsupported,         ///< valid, but more than this device or build can do
-  no_driver,           ///< no Vulkan loader or no driver on this machine
-  no_device,           ///< drivers, but no device that fits the request
-  out_of_memory,       ///< host or device memory
-  device_lost,         ///< VK_ERROR_DEVICE_LOST; objects may still be destroyed
-  vulkan,              ///< any other VkResult
-  io,                  ///< a file could not be read or written
+  invalid_argument,  ///< the caller's input; the message names the value and the remedy
+  unsupported,       ///< valid, but more than this device or build can do
+  no_driver,         ///< no Vulkan loader or no driver on this machine
+  no_device,         ///< drivers, but no device that fits the request
+  out_of_memory,     ///< host or device memory
+  device_lost,       ///< VK_ERROR_DEVICE_LOST; objects may still be destroyed
+  vulkan,            ///< any other VkResult
+  io,                ///< a file could not be read or written
 };
 
 /// The one exception type of the library. Nothing in iclk prints or exits.

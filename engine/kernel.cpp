@@ -13,18 +13,21 @@ void check_description(const Context& context, const KernelDescription& d) {
   const VkPhysicalDeviceLimits& limits = context.limits();
   if (d.spirv.size() < 5 || d.spirv[0] != 0x07230203u) throw Error(ErrorCode::invalid_argument, who + "this is not SPIR-V");
   if (d.push_constant_bytes % 4)
-    throw Error(ErrorCode::invalid_argument, who + std::to_string(d.push_constant_bytes) + " push constant bytes: no multiple of 4");
+    throw Error(ErrorCode::invalid_argument,
+                who + std::to_string(d.push_constant_bytes) + " push constant bytes: no multiple of 4");
   const auto at_most = [&](const char* limit, uint64_t needs, uint64_t has) {
     if (needs > has)
-      throw Error(ErrorCode::unsupported, who + "needs " + std::to_string(needs) + ", " + context.info().name + " has " + limit + " " +
-                                              std::to_string(has));
+      throw Error(ErrorCode::unsupported, who + "needs " + std::to_string(needs) + ", " + context.info().name + " has " +
+                                              limit + " " + std::to_string(has));
   };
   const auto count = [&](VkDescriptorType type) {
     return std::count_if(d.bindings.begin(), d.bindings.end(), [&](BindingKind kind) { return descriptor_type(kind) == type; });
   };
   at_most("maxPushConstantsSize", d.push_constant_bytes, limits.maxPushConstantsSize);
-  at_most("maxPerStageDescriptorStorageBuffers", count(VK_DESCRIPTOR_TYPE_STORAGE_BUFFER), limits.maxPerStageDescriptorStorageBuffers);
-  at_most("maxPerStageDescriptorUniformBuffers", count(VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER), limits.maxPerStageDescriptorUniformBuffers);
+  at_most("maxPerStageDescriptorStorageBuffers", count(VK_DESCRIPTOR_TYPE_STORAGE_BUFFER),
+          limits.maxPerStageDescriptorStorageBuffers);
+  at_most("maxPerStageDescriptorUniformBuffers", count(VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER),
+          limits.maxPerStageDescriptorUniformBuffers);
   at_most("maxPerStageDescriptorSampledImages", count(VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER),
           limits.maxPerStageDescriptorSampledImages);
   at_most("maxPerStageResources", d.bindings.size(), limits.maxPerStageResources);
@@ -60,7 +63,8 @@ void Kernel::create(const KernelDescription& description) {
 
   std::vector<VkDescriptorSetLayoutBinding> bindings;
   for (BindingKind kind : bindings_)
-    bindings.push_back({static_cast<uint32_t>(bindings.size()), descriptor_type(kind), 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
+    bindings.push_back(
+        {static_cast<uint32_t>(bindings.size()), descriptor_type(kind), 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
   const VkDescriptorSetLayoutCreateInfo set{VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO, nullptr, 0,
                                             static_cast<uint32_t>(bindings.size()), bindings.data()};
   check(vk.CreateDescriptorSetLayout(device, &set, nullptr, &set_layout_), "vkCreateDescriptorSetLayout", name_);

@@ -19,10 +19,10 @@ enum class BindingKind : uint8_t {
 
 /// A compute shader with entry point main() and its bindings: set 0, binding i = bindings[i].
 struct KernelDescription {
-  const char* name = "";                  ///< of the stage, for messages and profiles
-  std::span<const uint32_t> spirv;        ///< read during construction only
+  const char* name = "";            ///< of the stage, for messages and profiles
+  std::span<const uint32_t> spirv;  ///< read during construction only
   std::vector<BindingKind> bindings;
-  uint32_t push_constant_bytes = 0;       ///< a multiple of 4
+  uint32_t push_constant_bytes = 0;  ///< a multiple of 4
   /// Element i is constant_id i, bit pattern of a 32-bit type (bool: 0 or 1). By convention id 0 is local_size_x_id where a
   /// shader lets the host choose its workgroup. Ids that a shader does not declare are ignored by Vulkan.
   std::vector<uint32_t> specialization;

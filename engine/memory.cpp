@@ -16,8 +16,9 @@ void check_limits(const Context& context, const BufferDescription& buffer) {
   const VkPhysicalDeviceLimits& limits = context.limits();
   const VkDeviceSize bytes = rounded(buffer.bytes);
   const auto reject = [&](VkDeviceSize has, const char* limit, const std::string& needs) {
-    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + needs + ", " + context.info().name + " has " + limit +
-                                            " " + std::to_string(has) + "; plan smaller images or fewer pairs at a time");
+    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + needs + ", " + context.info().name + " has " +
+                                            limit + " " + std::to_string(has) +
+                                            "; plan smaller images or fewer pairs at a time");
   };
   if (has(buffer.use, BufferUse::storage) && bytes > limits.maxStorageBufferRange)
     reject(limits.maxStorageBufferRange, "maxStorageBufferRange", bytes_in_words(bytes));
@@ -29,8 +30,8 @@ void check_limits(const Context& context, const BufferDescription& buffer) {
   VkFormatProperties format;
   context.instance_functions().GetPhysicalDeviceFormatProperties(context.physical_device(), buffer.texel_format, &format);
   if (!(format.bufferFeatures & VK_FORMAT_FEATURE_UNIFORM_TEXEL_BUFFER_BIT))
-    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "': " + context.info().name + " has no texel buffers of VkFormat " +
-                                            std::to_string(buffer.texel_format));
+    throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "': " + context.info().name +
+                                            " has no texel buffers of VkFormat " + std::to_string(buffer.texel_format));
 }
 
 VkBuffer create_buffer(const Context& context, const BufferDescription& buffer) {
@@ -78,7 +79,8 @@ BufferId MemoryPlan::add(BufferDescription description) {
   if (description.bytes == 0) throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "' has 0 bytes");
   if (has(description.use, BufferUse::texel) && texel_bytes(description.texel_format) == 0)
     throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "': VkFormat " +
-                                                 std::to_string(description.texel_format) + " is no format for a texel buffer here");
+                                                 std::to_string(description.texel_format) +
+                                                 " is no format for a texel buffer here");
   buffers_.push_back(std::move(description));
   return static_cast<BufferId>(buffers_.size() - 1);
 }
@@ -128,11 +130,12 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
       Buffer& buffer = buffers_[i];
       const Place& place = layout.places[i];
       const BufferDescription& description = plan.buffers()[i];
-      check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory", description.name);
+      check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory",
+            description.name);
       if (mapped[place.chunk]) buffer.mapped = mapped[place.chunk] + place.offset;
       if (!has(description.use, BufferUse::texel)) continue;
-      const VkBufferViewCreateInfo view{VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle,
-                                        description.texel_format, 0, VK_WHOLE_SIZE};
+      const VkBufferViewCreateInfo view{
+          VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle, description.texel_format, 0, VK_WHOLE_SIZE};
       check(vk.CreateBufferView(device, &view, nullptr, &buffer.view), "vkCreateBufferView", description.name);
     }
   } catch (...) {

@@ -38,7 +38,9 @@ struct Buffer {
   void* mapped = nullptr;              ///< host address, coherent; null: not mapped
 
   template <class T>
-  T* as() const { return static_cast<T*>(mapped); }
+  T* as() const {
+    return static_cast<T*>(mapped);
+  }
 };
 
 /// Names a buffer of a plan and of every workspace made from it.
@@ -56,7 +58,8 @@ class MemoryPlan {
  public:
   /// Throws Error(invalid_argument) for zero bytes or a texel buffer without a format.
   BufferId add(BufferDescription description);
-  BufferId add(std::string name, VkDeviceSize bytes, MemoryKind kind, BufferUse use, VkFormat texel_format = VK_FORMAT_UNDEFINED) {
+  BufferId add(std::string name, VkDeviceSize bytes, MemoryKind kind, BufferUse use,
+               VkFormat texel_format = VK_FORMAT_UNDEFINED) {
     return add({std::move(name), bytes, kind, use, texel_format});
   }
   const std::vector<BufferDescription>& buffers() const { return buffers_; }

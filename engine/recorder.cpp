@@ -39,20 +39,22 @@ void Recorder::require(Stage stage, std::span<const Use> uses) {
   const std::optional<Barrier> barrier = hazards_->before(stage, uses);
   if (!barrier) return;
   const VkMemoryBarrier memory{VK_STRUCTURE_TYPE_MEMORY_BARRIER, nullptr, barrier->source_access, barrier->destination_access};
-  context_.vk().CmdPipelineBarrier(commands_, barrier->source_stages, barrier->destination_stages, 0, 1, &memory, 0, nullptr, 0, nullptr);
+  context_.vk().CmdPipelineBarrier(commands_, barrier->source_stages, barrier->destination_stages, 0, 1, &memory, 0, nullptr, 0,
+                                   nullptr);
   ++barriers_;
 }
 
-void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buffers, std::span<const std::byte> push, Groups groups) {
+void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buffers, std::span<const std::byte> push,
+                        Groups groups) {
   if (push.size() != kernel.push_constant_bytes())
     reject("kernel '" + kernel.name() + "': " + std::to_string(push.size()) + " push constant bytes, it takes " +
            std::to_string(kernel.push_constant_bytes()));
   const uint32_t* most = context_.limits().maxComputeWorkGroupCount;
   if (groups.x > most[0] || groups.y > most[1] || groups.z > most[2])
-    throw Error(ErrorCode::unsupported, "kernel '" + kernel.name() + "': " + std::to_string(groups.x) + " x " + std::to_string(groups.y) +
-                                            " x " + std::to_string(groups.z) + " workgroups, " + context_.info().name +
-                                            " takes at most " + std::to_string(most[0]) + " x " + std::to_string(most[1]) + " x " +
-                                            std::to_string(most[2]));
+    throw Error(ErrorCode::unsupported, "kernel '" + kernel.name() + "': " + std::to_string(groups.x) + " x " +
+                                            std::to_string(groups.y) + " x " + std::to_string(groups.z) + " workgroups, " +
+                                            context_.info().name + " takes at most " + std::to_string(most[0]) + " x " +
+                                            std::to_string(most[1]) + " x " + std::to_string(most[2]));
   const VkDescriptorSet set = arena_.set(kernel, buffers);
   if (groups.x == 0 || groups.y == 0 || groups.z == 0) return;
 
@@ -66,20 +68,24 @@ void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buf
   }
   vk.CmdBindDescriptorSets(commands_, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.layout(), 0, 1, &set, 0, nullptr);
   if (!push.empty())
-    vk.CmdPushConstants(commands_, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, static_cast<uint32_t>(push.size()), push.data());
+    vk.CmdPushConstants(commands_, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, static_cast<uint32_t>(push.size()),
+                        push.data());
   vk.CmdDispatch(commands_, groups.x, groups.y, groups.z);
   ++dispatches_;
 }
 
 void Recorder::copy(const Buffer& source, const Buffer& destination, std::span<const VkBufferCopy> regions) {
   for (const VkBufferCopy& region : regions)
-    if (region.size == 0 || !inside(region.srcOffset, region.size, source.size) || !inside(region.dstOffset, region.size, destination.size))
+    if (region.size == 0 || !inside(region.srcOffset, region.size, source.size) ||
+        !inside(region.dstOffset, region.size, destination.size))
       reject("copy of " + std::to_string(region.size) + " bytes from " + std::to_string(region.srcOffset) + " of " +
-             std::to_string(source.size) + " to " + std::to_string(region.dstOffset) + " of " + std::to_string(destination.size));
+             std::to_string(source.size) + " to " + std::to_string(region.dstOffset) + " of " +
+             std::to_string(destination.size));
   if (regions.empty()) return;
   const Use uses[] = {{id(source.handle), false}, {id(destination.handle), true}};
   require(Stage::transfer, uses);
-  context_.vk().CmdCopyBuffer(commands_, source.handle, destination.handle, static_cast<uint32_t>(regions.size()), regions.data());
+  context_.vk().CmdCopyBuffer(commands_, source.handle, destination.handle, static_cast<uint32_t>(regions.size()),
+                              regions.data());
 }
 
 void Recorder::fill(const Buffer& buffer, uint32_t word, VkDeviceSize offset, VkDeviceSize bytes) {
@@ -92,7 +98,8 @@ void Recorder::fill(const Buffer& buffer, uint32_t word, VkDeviceSize offset, Vk
   context_.vk().CmdFillBuffer(commands_, buffer.handle, offset, bytes, word);
 }
 
-void Recorder::copy_image_to_buffer(const ForeignImage& image, const Buffer& destination, VkDeviceSize offset, uint32_t row_texels) {
+void Recorder::copy_image_to_buffer(const ForeignImage& image, const Buffer& destination, VkDeviceSize offset,
+                                    uint32_t row_texels) {
   if (!image.handle) reject("image: the handle is null");
   if (image.layout == VK_IMAGE_LAYOUT_UNDEFINED || image.layout == VK_IMAGE_LAYOUT_PREINITIALIZED)
     reject("image: layout " + std::to_string(image.layout) + " has no content to read; state the layout that it is in");
@@ -101,11 +108,12 @@ void Recorder::copy_image_to_buffer(const ForeignImage& image, const Buffer& des
   if (image.width == 0 || image.height == 0)
     reject("image: " + std::to_string(image.width) + " x " + std::to_string(image.height) + " is empty");
   const uint64_t row = row_texels ? row_texels : image.width;
-  if (row < image.width) reject("image: rows of " + std::to_string(row) + " texels for a width of " + std::to_string(image.width));
+  if (row < image.width)
+    reject("image: rows of " + std::to_string(row) + " texels for a width of " + std::to_string(image.width));
   const uint64_t bytes = (row * (image.height - 1) + image.width) * texel;
   if (offset % 4 || offset % texel || !inside(offset, bytes, destination.size))
-    reject("image: " + std::to_string(bytes) + " bytes do not fit at " + std::to_string(offset) + " (a multiple of 4 and of the texel) of " +
-           std::to_string(destination.size));
+    reject("image: " + std::to_string(bytes) + " bytes do not fit at " + std::to_string(offset) +
+           " (a multiple of 4 and of the texel) of " + std::to_string(destination.size));
 
   const Use use{id(destination.handle), true};
   require(Stage::transfer, std::span(&use, 1));
@@ -135,8 +143,8 @@ void Recorder::copy_image_to_buffer(const ForeignImage& image, const Buffer& des
   // Ownership and layout change in two steps, so that the application's half names no layout but its own.
   if (foreign) place(device, device, 0, any_access, image.layout, image.layout, image.queue_family, context_.queue_family());
   place(device, transfer, write_access, VK_ACCESS_TRANSFER_READ_BIT, image.layout, reading, ignored, ignored);
-  const VkBufferImageCopy region{offset, static_cast<uint32_t>(row), 0, {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1}, {0, 0, 0},
-                                 {image.width, image.height, 1}};
+  const VkBufferImageCopy region{offset,    static_cast<uint32_t>(row),    0, {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1},
+                                 {0, 0, 0}, {image.width, image.height, 1}};
   context_.vk().CmdCopyImageToBuffer(commands_, image.handle, reading, destination.handle, 1, &region);
   if (!readable) place(transfer, device, 0, any_access, reading, image.layout, ignored, ignored);
   if (foreign) place(device, device, 0, 0, image.layout, image.layout, context_.queue_family(), image.queue_family);

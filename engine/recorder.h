@@ -26,17 +26,18 @@ constexpr uint32_t groups_for(uint32_t count, uint32_t size) { return count / si
 
 /// An image of the application, used in the state in which it is handed over and given back in the same.
 struct ForeignImage {
-  VkImage handle = VK_NULL_HANDLE;                  ///< with VK_IMAGE_USAGE_TRANSFER_SRC_BIT, one sample, colour
+  VkImage handle = VK_NULL_HANDLE;  ///< with VK_IMAGE_USAGE_TRANSFER_SRC_BIT, one sample, colour
   VkFormat format = VK_FORMAT_UNDEFINED;
-  uint32_t width = 0, height = 0;                   ///< of mip level 0
-  VkImageLayout layout = VK_IMAGE_LAYOUT_UNDEFINED; ///< when the commands execute; restored. UNDEFINED has no content and is refused
+  uint32_t width = 0, height = 0;  ///< of mip level 0
+  VkImageLayout layout =
+      VK_IMAGE_LAYOUT_UNDEFINED;  ///< when the commands execute; restored. UNDEFINED has no content and is refused
   /// The family that owns it, if it is exclusive and not ours: the application has released it to our family in this layout and
   /// acquires it back afterwards. IGNORED: concurrent, or already ours.
   uint32_t queue_family = VK_QUEUE_FAMILY_IGNORED;
 };
 
-/// Writes commands into a command buffer, ours or the application's, and places the barriers that they need: global memory barriers
-/// of the COMPUTE, TRANSFER and HOST stages only, none where none is needed. Buffers are told apart by their VkBuffer.
+/// Writes commands into a command buffer, ours or the application's, and places the barriers that they need: global memory
+/// barriers of the COMPUTE, TRANSFER and HOST stages only, none where none is needed. Buffers are told apart by their VkBuffer.
 ///
 /// Before its first command a recording waits once for all earlier compute and transfer work on the queue. Whatever else the
 /// application did with a buffer or an image (graphics, host writes after the submission) it must have ordered itself.
@@ -53,14 +54,14 @@ class Recorder {
   /// Names the commands that follow, for the timer.
   void stage(const char* name);
 
-  /// Binds buffers[i] to binding i, pushes `push` (exactly Kernel::push_constant_bytes()) and dispatches. No groups: no command.
-  /// Throws Error(invalid_argument) for a mismatch, Error(unsupported) beyond maxComputeWorkGroupCount.
+  /// Binds buffers[i] to binding i, pushes `push` (exactly Kernel::push_constant_bytes()) and dispatches. No groups: no
+  /// command. Throws Error(invalid_argument) for a mismatch, Error(unsupported) beyond maxComputeWorkGroupCount.
   void dispatch(const Kernel& kernel, std::span<const Buffer* const> buffers, std::span<const std::byte> push, Groups groups);
   void dispatch(const Kernel& kernel, std::initializer_list<const Buffer*> buffers, Groups groups) {
     dispatch(kernel, std::span(buffers.begin(), buffers.size()), {}, groups);
   }
   template <class Push>
-    requires std::is_trivially_copyable_v<Push> && std::is_class_v<Push>
+  requires std::is_trivially_copyable_v<Push> && std::is_class_v<Push>
   void dispatch(const Kernel& kernel, std::initializer_list<const Buffer*> buffers, const Push& push, Groups groups) {
     dispatch(kernel, std::span(buffers.begin(), buffers.size()), std::as_bytes(std::span(&push, 1)), groups);
   }
@@ -78,7 +79,8 @@ class Recorder {
   /// Copies mip level 0 of layer 0, `row_texels` texels from a row to the next (0: rows are packed), to byte `offset`.
   /// Throws Error(invalid_argument) for an undefined layout, a format that is not an uncompressed colour of 1 to 16 bytes
   /// (format.h), a null handle, an empty image, or a destination that is too small.
-  void copy_image_to_buffer(const ForeignImage& image, const Buffer& destination, VkDeviceSize offset = 0, uint32_t row_texels = 0);
+  void copy_image_to_buffer(const ForeignImage& image, const Buffer& destination, VkDeviceSize offset = 0,
+                            uint32_t row_texels = 0);
 
   /// Makes what was written visible to the host once the fence of the submission is signalled. Call it last.
   void host_read(std::span<const Buffer* const> buffers);
@@ -91,7 +93,7 @@ class Recorder {
   /// Ends the last stage of the timer. Does not end the command buffer.
   void finish();
 
-  uint32_t barriers() const { return barriers_; }      ///< placed so far
+  uint32_t barriers() const { return barriers_; }  ///< placed so far
   uint32_t dispatches() const { return dispatches_; }
   VkCommandBuffer commands() const { return commands_; }
 

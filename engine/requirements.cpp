@@ -29,12 +29,14 @@ std::string unmet(const DeviceRequirements& needed, const DeviceCapabilities& de
   if (device.api_version < needed.api_version)
     add("Vulkan " + version_text(device.api_version) + ", needs " + version_text(needed.api_version));
   for (const std::string& extension : needed.device_extensions)
-    if (std::find(device.device_extensions.begin(), device.device_extensions.end(), extension) == device.device_extensions.end())
+    if (std::find(device.device_extensions.begin(), device.device_extensions.end(), extension) ==
+        device.device_extensions.end())
       add("no " + extension);
   if (lacks_feature(needed.features, device.features)) add("a core feature is missing");
   if (choose_queue_family(device.queue_families, needed.queue_flags) < 0) add("no queue family with compute");
   at_least("maxTexelBufferElements", device.limits.maxTexelBufferElements, needed.max_texel_buffer_elements);
-  at_least("maxPerStageDescriptorStorageBuffers", device.limits.maxPerStageDescriptorStorageBuffers, needed.max_storage_buffers);
+  at_least("maxPerStageDescriptorStorageBuffers", device.limits.maxPerStageDescriptorStorageBuffers,
+           needed.max_storage_buffers);
   at_least("maxPushConstantsSize", device.limits.maxPushConstantsSize, needed.max_push_constants_size);
   at_least("maxComputeWorkGroupInvocations", device.limits.maxComputeWorkGroupInvocations, needed.max_workgroup_invocations);
   at_least("maxComputeSharedMemorySize", device.limits.maxComputeSharedMemorySize, needed.max_shared_memory);

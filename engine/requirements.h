@@ -9,17 +9,17 @@ namespace iclk::engine {
 
 /// What a device must bring, as data: an application that creates the device itself reads it before it does.
 struct DeviceRequirements {
-  uint32_t api_version = VK_API_VERSION_1_1;       ///< of the device, and VkApplicationInfo::apiVersion of the instance
-  std::vector<std::string> instance_extensions;    ///< to enable: none
-  std::vector<std::string> device_extensions;      ///< to enable: none
-  VkPhysicalDeviceFeatures features{};             ///< to enable: none
-  VkQueueFlags queue_flags = VK_QUEUE_COMPUTE_BIT; ///< of the queue's family; transfers are implied by compute
+  uint32_t api_version = VK_API_VERSION_1_1;        ///< of the device, and VkApplicationInfo::apiVersion of the instance
+  std::vector<std::string> instance_extensions;     ///< to enable: none
+  std::vector<std::string> device_extensions;       ///< to enable: none
+  VkPhysicalDeviceFeatures features{};              ///< to enable: none
+  VkQueueFlags queue_flags = VK_QUEUE_COMPUTE_BIT;  ///< of the queue's family; transfers are implied by compute
   // Limits, at least:
   uint32_t max_texel_buffer_elements = 1u << 24;
-  uint32_t max_storage_buffers = 8;                ///< bound in one kernel
-  uint32_t max_push_constants_size = 128;          ///< bytes
+  uint32_t max_storage_buffers = 8;        ///< bound in one kernel
+  uint32_t max_push_constants_size = 128;  ///< bytes
   uint32_t max_workgroup_invocations = 128;
-  uint32_t max_shared_memory = 16384;              ///< bytes of a workgroup
+  uint32_t max_shared_memory = 16384;  ///< bytes of a workgroup
 };
 
 DeviceRequirements requirements();

@@ -41,9 +41,7 @@ void check(VkResult result, const char* call, const std::string& details) {
     case VK_ERROR_OUT_OF_DEVICE_MEMORY:
     case VK_ERROR_OUT_OF_POOL_MEMORY:
     case VK_ERROR_FRAGMENTED_POOL:
-    case VK_ERROR_MEMORY_MAP_FAILED:
-      code = ErrorCode::out_of_memory;
-      break;
+    case VK_ERROR_MEMORY_MAP_FAILED: code = ErrorCode::out_of_memory; break;
     case VK_ERROR_DEVICE_LOST:
       code = ErrorCode::device_lost;
       remedy = "; destroy every object of this device and create it anew";

@@ -28,7 +28,8 @@ Submission::~Submission() { destroy(); }
 void Submission::destroy() noexcept {
   const DeviceFunctions& vk = context_->vk();
   const VkDevice device = context_->device();
-  if (pending_) vk.WaitForFences(device, 1, &fence_, VK_TRUE, UINT64_MAX);  // a lost device returns at once and may be destroyed
+  if (pending_)
+    vk.WaitForFences(device, 1, &fence_, VK_TRUE, UINT64_MAX);  // a lost device returns at once and may be destroyed
   if (fence_) vk.DestroyFence(device, fence_, nullptr);
   if (pool_) vk.DestroyCommandPool(device, pool_, nullptr);
 }

@@ -29,7 +29,8 @@ void StageTimer::begin(VkCommandBuffer commands) {
 void StageTimer::mark(VkCommandBuffer commands, const char* name) {
   if (!pool_) return;
   if (marks_.size() == capacity_)
-    throw Error(ErrorCode::invalid_argument, "StageTimer holds " + std::to_string(capacity_ - 1) + " stages; give it more max_stages");
+    throw Error(ErrorCode::invalid_argument,
+                "StageTimer holds " + std::to_string(capacity_ - 1) + " stages; give it more max_stages");
   context_->vk().CmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, pool_, static_cast<uint32_t>(marks_.size()));
   marks_.emplace_back(name ? name : "");
 }
@@ -37,11 +38,12 @@ void StageTimer::mark(VkCommandBuffer commands, const char* name) {
 void StageTimer::collect() {
   if (marks_.size() < 2) return;
   std::vector<uint64_t> ticks(marks_.size());
-  const VkResult result =
-      context_->vk().GetQueryPoolResults(context_->device(), pool_, 0, static_cast<uint32_t>(ticks.size()), ticks.size() * sizeof(uint64_t),
-                                         ticks.data(), sizeof(uint64_t), VK_QUERY_RESULT_64_BIT);
+  const VkResult result = context_->vk().GetQueryPoolResults(context_->device(), pool_, 0, static_cast<uint32_t>(ticks.size()),
+                                                             ticks.size() * sizeof(uint64_t), ticks.data(), sizeof(uint64_t),
+                                                             VK_QUERY_RESULT_64_BIT);
   check(result, "vkGetQueryPoolResults");
-  if (result == VK_NOT_READY) throw Error(ErrorCode::invalid_argument, "StageTimer::collect() before the submission was waited for");
+  if (result == VK_NOT_READY)
+    throw Error(ErrorCode::invalid_argument, "StageTimer::collect() before the submission was waited for");
   const uint32_t bits = context_->timestamp_valid_bits();
   const uint64_t mask = bits >= 64 ? ~uint64_t{0} : (uint64_t{1} << bits) - 1;
   for (size_t i = 0; i + 1 < ticks.size(); ++i) {

@@ -10,8 +10,9 @@ namespace {
 template <class Function>
 void require(Function& member, PFN_vkVoidFunction pointer, const char* name) {
   if (!pointer)
-    throw Error(ErrorCode::unsupported, std::string("the Vulkan implementation lacks ") + name +
-                                            "; iclk needs Vulkan 1.1, also as VkApplicationInfo::apiVersion of an adopted instance");
+    throw Error(ErrorCode::unsupported,
+                std::string("the Vulkan implementation lacks ") + name +
+                    "; iclk needs Vulkan 1.1, also as VkApplicationInfo::apiVersion of an adopted instance");
   member = reinterpret_cast<Function>(pointer);
 }
 

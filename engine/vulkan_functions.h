@@ -6,17 +6,17 @@
 namespace iclk::engine {
 
 // Each function that the library calls is named once, here.
-#define ICLK_INSTANCE_FUNCTIONS(X)     \
-  X(DestroyInstance)                   \
-  X(EnumeratePhysicalDevices)          \
-  X(EnumerateDeviceExtensionProperties) \
-  X(GetPhysicalDeviceFeatures)         \
-  X(GetPhysicalDeviceProperties)       \
-  X(GetPhysicalDeviceProperties2)      \
-  X(GetPhysicalDeviceMemoryProperties) \
+#define ICLK_INSTANCE_FUNCTIONS(X)          \
+  X(DestroyInstance)                        \
+  X(EnumeratePhysicalDevices)               \
+  X(EnumerateDeviceExtensionProperties)     \
+  X(GetPhysicalDeviceFeatures)              \
+  X(GetPhysicalDeviceProperties)            \
+  X(GetPhysicalDeviceProperties2)           \
+  X(GetPhysicalDeviceMemoryProperties)      \
   X(GetPhysicalDeviceQueueFamilyProperties) \
-  X(GetPhysicalDeviceFormatProperties) \
-  X(CreateDevice)                      \
+  X(GetPhysicalDeviceFormatProperties)      \
+  X(CreateDevice)                           \
   X(GetDeviceProcAddr)
 
 #define ICLK_DEVICE_FUNCTIONS(X) \

@@ -23,9 +23,9 @@ struct Barrier {
   VkAccessFlags source_access = 0, destination_access = 0;
 };
 
-/// Follows one recording, command by command. A VkMemoryBarrier orders everything before it, whatever the buffer, so each barrier
-/// settles all other buffers of the same stages too. What happened before the recording is unknown: its first command waits for
-/// the compute and transfer work before it, once.
+/// Follows one recording, command by command. A VkMemoryBarrier orders everything before it, whatever the buffer, so each
+/// barrier settles all other buffers of the same stages too. What happened before the recording is unknown: its first command
+/// waits for the compute and transfer work before it, once.
 class HazardTracker {
  public:
   /// The barrier that must stand before a command of `stage` with these uses; nothing if none is needed. Notes the command.
@@ -33,10 +33,10 @@ class HazardTracker {
 
  private:
   struct State {
-    uint8_t write = 0;           // the stage of the last write, 0: none in this recording
-    uint8_t write_seen = 0;      // stages that see it
-    uint8_t read = 0;            // stages that read since that write
-    uint8_t read_before[2] = {}; // stages that wait for those reads, by reading stage: compute, transfer
+    uint8_t write = 0;            // the stage of the last write, 0: none in this recording
+    uint8_t write_seen = 0;       // stages that see it
+    uint8_t read = 0;             // stages that read since that write
+    uint8_t read_before[2] = {};  // stages that wait for those reads, by reading stage: compute, transfer
   };
 
   void settle(uint8_t sources, bool writes, uint8_t destinations);

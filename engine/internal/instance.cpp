@@ -34,13 +34,15 @@ VkDebugUtilsMessengerCreateInfoEXT messenger_info(Validation* validation) {
 }
 
 bool has_validation_layer(PFN_vkGetInstanceProcAddr get) {
-  const auto enumerate = reinterpret_cast<PFN_vkEnumerateInstanceLayerProperties>(get(nullptr, "vkEnumerateInstanceLayerProperties"));
+  const auto enumerate =
+      reinterpret_cast<PFN_vkEnumerateInstanceLayerProperties>(get(nullptr, "vkEnumerateInstanceLayerProperties"));
   uint32_t count = 0;
   if (!enumerate || enumerate(&count, nullptr) != VK_SUCCESS) return false;
   std::vector<VkLayerProperties> layers(count);
   if (enumerate(&count, layers.data()) < 0) return false;
   layers.resize(count);
-  return std::any_of(layers.begin(), layers.end(), [](const auto& l) { return std::strcmp(l.layerName, validation_layer) == 0; });
+  return std::any_of(layers.begin(), layers.end(),
+                     [](const auto& l) { return std::strcmp(l.layerName, validation_layer) == 0; });
 }
 
 DeviceType type_of(VkPhysicalDeviceType type) {
@@ -74,8 +76,8 @@ Instance::Instance(bool validation, std::function<void(MessageSeverity, const st
   VkDebugUtilsMessengerCreateInfoEXT messenger{};
   if (validation) {
     if (!has_validation_layer(get))
-      throw Error(ErrorCode::unsupported, std::string(validation_layer) +
-                                              " is not installed; install vulkan-validationlayers or turn validation off");
+      throw Error(ErrorCode::unsupported,
+                  std::string(validation_layer) + " is not installed; install vulkan-validationlayers or turn validation off");
     validation_ = std::make_unique<Validation>();
     validation_->on_message = std::move(on_message);
     messenger = messenger_info(validation_.get());
@@ -88,8 +90,9 @@ Instance::Instance(bool validation, std::function<void(MessageSeverity, const st
   }
   const VkResult result = create(&info, nullptr, &handle_);
   if (result == VK_ERROR_INCOMPATIBLE_DRIVER)
-    throw Error(ErrorCode::no_driver, "no Vulkan driver on this machine (vkCreateInstance: VK_ERROR_INCOMPATIBLE_DRIVER); install one "
-                                      "(mesa-vulkan-drivers), check VK_DRIVER_FILES and VK_ICD_FILENAMES, or use the CPU solver");
+    throw Error(ErrorCode::no_driver,
+                "no Vulkan driver on this machine (vkCreateInstance: VK_ERROR_INCOMPATIBLE_DRIVER); install one "
+                "(mesa-vulkan-drivers), check VK_DRIVER_FILES and VK_ICD_FILENAMES, or use the CPU solver");
   check(result, "vkCreateInstance");
 
   const auto destroy = reinterpret_cast<PFN_vkDestroyInstance>(get(handle_, "vkDestroyInstance"));
@@ -140,10 +143,13 @@ DeviceCapabilities capabilities_of(const InstanceFunctions& vk, VkPhysicalDevice
   result.queue_families.resize(count);
   vk.GetPhysicalDeviceQueueFamilyProperties(device, &count, result.queue_families.data());
 
-  check(vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr), "vkEnumerateDeviceExtensionProperties");
-  std::vector<VkExtensionProperties> extensions(count);
-  check(vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data()), "vkEnumerateDeviceExtensionProperties");
-  extensions.resize(count);
+  // A device that cannot even list its extensions has none; the others go on.
+  std::vector<VkExtensionProperties> extensions;
+  if (vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr) == VK_SUCCESS) {
+    extensions.resize(count);
+    if (vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, extensions.data()) < 0) count = 0;
+    extensions.resize(count);
+  }
   for (const auto& extension : extensions) result.device_extensions.emplace_back(extension.extensionName);
   return result;
 }

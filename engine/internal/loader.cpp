@@ -13,7 +13,8 @@ Loader::Loader() {
   void* library = dlopen("libvulkan.so.1", RTLD_NOW | RTLD_LOCAL | RTLD_NODELETE);
   if (!library) {
     const char* reason = dlerror();
-    throw Error(ErrorCode::no_driver, std::string("no Vulkan loader: ") + (reason ? reason : "libvulkan.so.1 cannot be opened") +
+    throw Error(ErrorCode::no_driver, std::string("no Vulkan loader: ") +
+                                          (reason ? reason : "libvulkan.so.1 cannot be opened") +
                                           "; install libvulkan1 and a driver (mesa-vulkan-drivers), or use the CPU solver");
   }
   library_ = std::shared_ptr<void>(library, [](void* handle) { dlclose(handle); });

@@ -12,7 +12,8 @@ constexpr VkMemoryPropertyFlags visible = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | 
 constexpr VkMemoryPropertyFlags cached = VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
 // Types whose memory behaves in ways that nobody asked for here.
 constexpr VkMemoryPropertyFlags special = VK_MEMORY_PROPERTY_LAZILY_ALLOCATED_BIT | VK_MEMORY_PROPERTY_PROTECTED_BIT |
-                                          VK_MEMORY_PROPERTY_DEVICE_COHERENT_BIT_AMD | VK_MEMORY_PROPERTY_DEVICE_UNCACHED_BIT_AMD;
+                                          VK_MEMORY_PROPERTY_DEVICE_COHERENT_BIT_AMD |
+                                          VK_MEMORY_PROPERTY_DEVICE_UNCACHED_BIT_AMD;
 
 struct Wish {
   VkMemoryPropertyFlags with, without;
@@ -49,7 +50,9 @@ void check_heaps(const MemoryLayout& layout, const VkPhysicalDeviceMemoryPropert
 MemoryBytes MemoryLayout::bytes() const {
   MemoryBytes sum;
   for (const Chunk& chunk : chunks)
-    (chunk.kind == MemoryKind::device ? sum.device : chunk.kind == MemoryKind::upload ? sum.upload : sum.readback) += chunk.bytes;
+    (chunk.kind == MemoryKind::device   ? sum.device
+     : chunk.kind == MemoryKind::upload ? sum.upload
+                                        : sum.readback) += chunk.bytes;
   return sum;
 }
 
@@ -57,7 +60,8 @@ int choose_memory_type(MemoryKind kind, uint32_t allowed, const VkPhysicalDevice
   for (const Wish& wish : wishes(kind, unified))
     for (uint32_t i = 0; i < memory.memoryTypeCount; ++i) {
       const VkMemoryPropertyFlags flags = memory.memoryTypes[i].propertyFlags;
-      if ((allowed >> i & 1) && (flags & wish.with) == wish.with && !(flags & (wish.without | special))) return static_cast<int>(i);
+      if ((allowed >> i & 1) && (flags & wish.with) == wish.with && !(flags & (wish.without | special)))
+        return static_cast<int>(i);
     }
   return -1;
 }
@@ -74,7 +78,8 @@ MemoryLayout place_buffers(const std::vector<BufferDescription>& buffers, const 
                                               " at once; plan smaller images or fewer pairs at a time");
     const int type = choose_memory_type(buffer.kind, needs[i].memoryTypeBits, memory, unified);
     if (type < 0)
-      throw Error(ErrorCode::unsupported, "the device has no memory type for buffer '" + buffer.name + "' (" + name(buffer.kind) + ")");
+      throw Error(ErrorCode::unsupported,
+                  "the device has no memory type for buffer '" + buffer.name + "' (" + name(buffer.kind) + ")");
     // The newest chunk of that kind and type takes it, or a new one is begun.
     size_t c = layout.chunks.size();
     while (c-- > 0)

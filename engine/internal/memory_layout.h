@@ -23,8 +23,9 @@ struct MemoryLayout {
   MemoryBytes bytes() const;
 };
 
-/// Packs buffers, in order, into chunks of at most `max_allocation` bytes, one run of chunks a (kind, memory type). A pure function.
-/// Throws Error(unsupported) for a buffer larger than a chunk may be, a kind without a memory type, a heap that is too small.
+/// Packs buffers, in order, into chunks of at most `max_allocation` bytes, one run of chunks a (kind, memory type). A pure
+/// function. Throws Error(unsupported) for a buffer larger than a chunk may be, a kind without a memory type, a heap that is
+/// too small.
 MemoryLayout place_buffers(const std::vector<BufferDescription>& buffers, const std::vector<VkMemoryRequirements>& needs,
                            const VkPhysicalDeviceMemoryProperties& memory, bool unified, VkDeviceSize max_allocation);
 

@@ -101,7 +101,8 @@ TEST(ChooseDevice, ARefusalListsEveryDevice) {
   for (const DeviceInfo& info : machine) EXPECT_NE(message.find(info.name), std::string::npos);
   EXPECT_EQ(refusal({}, ""), "no Vulkan device; devices: none");
   EXPECT_EQ(refusal({}, "0"), "no device matches '0'; devices: none");
-  EXPECT_NE(refusal({device("Old", DeviceType::discrete, "too old")}, "").find("0 Old [discrete] rejected: too old"), std::string::npos);
+  EXPECT_NE(refusal({device("Old", DeviceType::discrete, "too old")}, "").find("0 Old [discrete] rejected: too old"),
+            std::string::npos);
 }
 
 }  // namespace

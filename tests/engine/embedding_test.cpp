@@ -42,7 +42,9 @@ class HostApplication {
     functions.DestroyDevice(device, nullptr);
   }
 
-  HostDevice handed_over() const { return {instance.handle(), physical, device, queue, family, instance.get_instance_proc_addr(), {}, {}, {}}; }
+  HostDevice handed_over() const {
+    return {instance.handle(), physical, device, queue, family, instance.get_instance_proc_addr(), {}, {}, {}};
+  }
 
   Instance instance;
   VkPhysicalDevice physical = VK_NULL_HANDLE;
@@ -61,7 +63,8 @@ class HostApplication {
   VkPhysicalDevice physical_device() const {
     const std::vector<VkPhysicalDevice> all = instance.physical_devices();
     std::vector<DeviceInfo> infos;
-    for (VkPhysicalDevice one : all) infos.push_back(info_of(instance.functions(), one, capabilities_of(instance.functions(), one)));
+    for (VkPhysicalDevice one : all)
+      infos.push_back(info_of(instance.functions(), one, capabilities_of(instance.functions(), one)));
     return all[choose_device(infos, watched_options().device).index];
   }
   template <class Function>
@@ -137,7 +140,8 @@ struct HostImage {
         if (needs.memoryTypeBits >> i & 1) return static_cast<int>(i);
       return -1;
     }();
-    const VkMemoryAllocateInfo allocate{VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, nullptr, needs.size, static_cast<uint32_t>(type)};
+    const VkMemoryAllocateInfo allocate{VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, nullptr, needs.size,
+                                        static_cast<uint32_t>(type)};
     check(app.functions.AllocateMemory(app.device, &allocate, nullptr, &memory), "vkAllocateMemory");
     check(app.bind_image(app.device, image, memory, 0), "vkBindImageMemory");
     fill(context, layout);
@@ -215,7 +219,8 @@ TEST(Embedding, TwoRecordingsInOneForeignCommandBufferReadAHostImage) {
   HostApplication app;
   const auto context = adopt_device(app.handed_over());
   const Kernel kernel = scale_kernel(context, 8);
-  for (VkImageLayout layout : {VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL, VK_IMAGE_LAYOUT_GENERAL, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL}) {
+  for (VkImageLayout layout :
+       {VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL, VK_IMAGE_LAYOUT_GENERAL, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL}) {
     HostImage image(app, context, layout);
     constexpr uint32_t texels = HostImage::width * HostImage::height, pitch = 20;
     MemoryPlan plan;

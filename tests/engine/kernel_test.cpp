@@ -14,11 +14,12 @@ namespace iclk::test {
 using namespace engine;
 
 Kernel sum_kernel(std::shared_ptr<const Context> context, uint32_t workgroup, int32_t factor) {
-  return Kernel(std::move(context), {.name = "sum",
-                                     .spirv = sum_comp_spv,
-                                     .bindings = {BindingKind::storage_read, BindingKind::texel_read, BindingKind::storage_write},
-                                     .push_constant_bytes = sizeof(SumPush),
-                                     .specialization = {workgroup, static_cast<uint32_t>(factor)}});
+  return Kernel(std::move(context),
+                {.name = "sum",
+                 .spirv = sum_comp_spv,
+                 .bindings = {BindingKind::storage_read, BindingKind::texel_read, BindingKind::storage_write},
+                 .push_constant_bytes = sizeof(SumPush),
+                 .specialization = {workgroup, static_cast<uint32_t>(factor)}});
 }
 
 Kernel scale_kernel(std::shared_ptr<const Context> context, uint32_t workgroup) {
@@ -89,7 +90,8 @@ TEST(Kernel, RejectsWhatIsNotSpirvAndNamesIt) {
 
 TEST(Kernel, MoreThanTheDeviceHasIsUnsupported) {
   ICLK_NEED_DEVICE();
-  KernelDescription description{.name = "wide", .spirv = scale_comp_spv, .bindings = {}, .push_constant_bytes = 0, .specialization = {}};
+  KernelDescription description{
+      .name = "wide", .spirv = scale_comp_spv, .bindings = {}, .push_constant_bytes = 0, .specialization = {}};
   description.push_constant_bytes = (device()->limits().maxPushConstantsSize / 4 + 1) * 4;
   try {
     Kernel(device(), description);

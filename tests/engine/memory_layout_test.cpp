@@ -82,7 +82,8 @@ TEST(PlaceBuffers, WhatCannotBeHeldIsUnsupportedWithNumbers) {
   };
   EXPECT_EQ(message(1 << 19, 1 << 20, MemoryKind::device), "");
   EXPECT_NE(message((1 << 19) + 16, 1 << 20, MemoryKind::device).find("1048608 bytes"), std::string::npos) << "heap";
-  EXPECT_NE(message(4096, 4095, MemoryKind::device).find("'one' needs 0.00 MiB (4096 bytes)"), std::string::npos) << "allocation";
+  EXPECT_NE(message(4096, 4095, MemoryKind::device).find("'one' needs 0.00 MiB (4096 bytes)"), std::string::npos)
+      << "allocation";
   EXPECT_NE(message(16, 4096, MemoryKind::readback).find("no memory type"), std::string::npos);
 }
 

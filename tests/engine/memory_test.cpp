@@ -33,13 +33,16 @@ TEST(Memory, BuffersDoNotOverlap) {
   ICLK_NEED_DEVICE();
   MemoryPlan plan;
   std::vector<BufferId> ids;
-  for (int i = 0; i < 20; ++i) ids.push_back(plan.add("host", 100 * i + 4, i % 2 ? MemoryKind::upload : MemoryKind::readback, BufferUse::storage));
+  for (int i = 0; i < 20; ++i)
+    ids.push_back(plan.add("host", 100 * i + 4, i % 2 ? MemoryKind::upload : MemoryKind::readback, BufferUse::storage));
   const Workspace memory(device(), plan);
-  for (size_t i = 0; i < ids.size(); ++i) std::fill_n(memory[ids[i]].as<uint8_t>(), memory[ids[i]].size, static_cast<uint8_t>(i + 1));
+  for (size_t i = 0; i < ids.size(); ++i)
+    std::fill_n(memory[ids[i]].as<uint8_t>(), memory[ids[i]].size, static_cast<uint8_t>(i + 1));
   for (size_t i = 0; i < ids.size(); ++i) {
     const Buffer& buffer = memory[ids[i]];
     EXPECT_EQ(buffer.size % 16, 0u);
-    EXPECT_TRUE(std::all_of(buffer.as<uint8_t>(), buffer.as<uint8_t>() + buffer.size, [&](uint8_t v) { return v == i + 1; })) << i;
+    EXPECT_TRUE(std::all_of(buffer.as<uint8_t>(), buffer.as<uint8_t>() + buffer.size, [&](uint8_t v) { return v == i + 1; }))
+        << i;
   }
 }
 
@@ -63,8 +66,10 @@ std::string refusal(VkDeviceSize bytes, BufferUse use, VkFormat format = VK_FORM
   std::string first;
   for (int i = 0; i < 2; ++i) {
     try {
-      if (i) Workspace(device(), plan);
-      else plan.bytes(*device());
+      if (i)
+        Workspace(device(), plan);
+      else
+        plan.bytes(*device());
       ADD_FAILURE() << bytes << " bytes were accepted";
     } catch (const Error& error) {
       EXPECT_EQ(error.code(), ErrorCode::unsupported) << error.what();
@@ -84,7 +89,8 @@ TEST(Memory, TooLargeIsATypedErrorWithNumbers) {
   EXPECT_NE(refusal(storage, BufferUse::storage).find("'huge' needs"), std::string::npos);
   EXPECT_NE(refusal(storage, BufferUse::storage).find("maxStorageBufferRange " + std::to_string(limits.maxStorageBufferRange)),
             std::string::npos);
-  EXPECT_NE(refusal(VkDeviceSize{limits.maxUniformBufferRange} + 16, BufferUse::uniform).find("maxUniformBufferRange"), std::string::npos);
+  EXPECT_NE(refusal(VkDeviceSize{limits.maxUniformBufferRange} + 16, BufferUse::uniform).find("maxUniformBufferRange"),
+            std::string::npos);
   EXPECT_NE(refusal((VkDeviceSize{limits.maxTexelBufferElements} + 1) * 16, BufferUse::texel, VK_FORMAT_R32G32B32A32_SFLOAT)
                 .find("maxTexelBufferElements"),
             std::string::npos);

@@ -54,12 +54,12 @@ class RecorderTest : public ::testing::Test {
 
 TEST_F(RecorderTest, ChainsOfWritesAndReads) {
   run(context, [&](Recorder& recorder) {
-    recorder.copy(memory[upload], memory[a], bytes);    // transfer writes a
+    recorder.copy(memory[upload], memory[a], bytes);     // transfer writes a
     for (int i = 0; i < 10; ++i) dispatch(recorder, a);  // compute reads and writes a
     recorder.copy(memory[a], memory[b], bytes);          // transfer reads a, writes b
     recorder.fill(memory[a], 0xffffffff);                // transfer writes a after reading it
     dispatch(recorder, b);
-    dispatch(recorder, a);                               // runs beside the dispatch before
+    dispatch(recorder, a);  // runs beside the dispatch before
     recorder.copy(memory[b], memory[a], bytes);
     dispatch(recorder, a);
     recorder.copy(memory[a], memory[readback], bytes);
@@ -120,6 +120,12 @@ TEST_F(RecorderTest, ARecordingIsSubmittedAgainAndAgain) {
     submission.submit_and_wait();
     expect_scaled(n);
   }
+  submission.submit();
+  submission.submit();  // waits for the one before
+  submission.wait();
+  submission.wait();  // nothing is pending
+  expect_scaled(7);
+  submission.submit();  // and the destructor waits for this one
 }
 
 TEST_F(RecorderTest, AnArenaSharesEqualSetsAndSaysWhenItIsFull) {

@@ -21,7 +21,8 @@ TEST(Result, EveryErrorHasItsCode) {
   EXPECT_EQ(code(VK_ERROR_DEVICE_LOST), ErrorCode::device_lost);
   for (VkResult memory : {VK_ERROR_OUT_OF_HOST_MEMORY, VK_ERROR_OUT_OF_DEVICE_MEMORY, VK_ERROR_OUT_OF_POOL_MEMORY})
     EXPECT_EQ(code(memory), ErrorCode::out_of_memory);
-  for (VkResult other : {VK_ERROR_INITIALIZATION_FAILED, VK_ERROR_FEATURE_NOT_PRESENT, VK_ERROR_UNKNOWN, static_cast<VkResult>(-1000999)})
+  for (VkResult other :
+       {VK_ERROR_INITIALIZATION_FAILED, VK_ERROR_FEATURE_NOT_PRESENT, VK_ERROR_UNKNOWN, static_cast<VkResult>(-1000999)})
     EXPECT_EQ(code(other), ErrorCode::vulkan);
 }
 

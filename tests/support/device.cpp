@@ -32,8 +32,10 @@ class Environment : public ::testing::Environment {
 
 void report_validation(engine::MessageSeverity, const std::string& message) {
   const std::lock_guard lock(mutex);
-  if (expected) expected->push_back(message);
-  else ADD_FAILURE() << "validation: " << message;
+  if (expected)
+    expected->push_back(message);
+  else
+    ADD_FAILURE() << "validation: " << message;
 }
 
 engine::ContextOptions watched_options() {

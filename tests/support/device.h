@@ -33,7 +33,7 @@ std::string missing_device();
 }  // namespace iclk::test
 
 /// First line of a test that needs a device: skips it only where that is permitted.
-#define ICLK_NEED_DEVICE()                                                 \
-  do {                                                                     \
+#define ICLK_NEED_DEVICE()                                                   \
+  do {                                                                       \
     if (!iclk::test::device()) GTEST_SKIP() << iclk::test::missing_device(); \
   } while (false)
