@@ -29,8 +29,8 @@ struct ForeignImage {
   VkImage handle = VK_NULL_HANDLE;  ///< with VK_IMAGE_USAGE_TRANSFER_SRC_BIT, one sample, colour
   VkFormat format = VK_FORMAT_UNDEFINED;
   uint32_t width = 0, height = 0;  ///< of mip level 0
-  VkImageLayout layout =
-      VK_IMAGE_LAYOUT_UNDEFINED;  ///< when the commands execute; restored. UNDEFINED has no content and is refused
+  /// When the commands execute; restored. UNDEFINED has no content and is refused.
+  VkImageLayout layout = VK_IMAGE_LAYOUT_UNDEFINED;
   /// The family that owns it, if it is exclusive and not ours: the application has released it to our family in this layout and
   /// acquires it back afterwards. IGNORED: concurrent, or already ours.
   uint32_t queue_family = VK_QUEUE_FAMILY_IGNORED;
