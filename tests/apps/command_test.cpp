@@ -1,0 +1,253 @@
+// The built command, run as a person or a script runs it.
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <csignal>
+#include <functional>
+
+#include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+
+#include "apps/command.h"
+#include "apps/io/pose_text.h"
+#include "apps/scene.h"
+#include "files.h"
+
+namespace iclk {
+namespace {
+
+using test::bytes_of;
+using test::Folder;
+
+struct Finished {
+  int code = -1;
+  std::string out, err;
+};
+
+Finished run(const std::vector<std::string>& arguments, const std::function<void()>& before = [] {}) {
+  const Folder folder;
+  const std::string out = folder.path("out"), err = folder.path("err");
+  const pid_t child = fork();
+  if (child == 0) {
+    dup2(open(out.c_str(), O_WRONLY | O_CREAT, 0600), 1);
+    dup2(open(err.c_str(), O_WRONLY | O_CREAT, 0600), 2);
+    before();
+    std::vector<char*> argv = {const_cast<char*>("iclk")};
+    for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
+    argv.push_back(nullptr);
+    execv(ICLK_COMMAND, argv.data());
+    _exit(127);
+  }
+  int status = 0;
+  waitpid(child, &status, 0);
+  return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), bytes_of(out), bytes_of(err)};
+}
+
+/// A pair in files, made once.
+class Command : public ::testing::Test {
+ protected:
+  static void SetUpTestSuite() {
+    folder_ = new Folder;
+    SceneOptions options;
+    options.width = 320;
+    options.height = 240;
+    Vector6d xi;
+    xi << 0.02, -0.01, 0.02, 0.01, 0.015, -0.02;
+    const ScenePair scene = make_scene_pair(SE3::exp(xi), options);
+    cv::imwrite(file("a.png"), scene.image_0);
+    cv::imwrite(file("b.png"), scene.image_1);
+    cv::Mat depth;
+    scene.depth_0.convertTo(depth, CV_16U, 5000);
+    cv::imwrite(file("d.png"), depth);
+    cv::imwrite(file("d.exr"), scene.depth_0);
+    truth_ = tum_line(scene.T_10);
+    char camera[100];
+    std::snprintf(camera, sizeof camera, "%.9g,%.9g,%.9g,%.9g", scene.camera.fx, scene.camera.fy, scene.camera.cx, scene.camera.cy);
+    camera_ = camera;
+  }
+  static void TearDownTestSuite() {
+    delete folder_;
+    folder_ = nullptr;
+  }
+
+  static std::string file(const std::string& name) { return folder_->path(name); }
+  static std::vector<std::string> align(std::vector<std::string> more = {}) {
+    std::vector<std::string> all = {"align", file("a.png"), file("b.png"), "--depth", file("d.png"), "--depth-scale", "5000", "--camera", camera_, "--solver", "cpu"};
+    all.insert(all.end(), more.begin(), more.end());
+    return all;
+  }
+
+  static inline Folder* folder_ = nullptr;
+  static inline std::string truth_, camera_;
+};
+
+TEST_F(Command, AlignsAndWrites) {
+  const Folder out;
+  const Finished f = run(align({"--truth", truth_, "--out", out.path("results/of/this"), "--profile"}));
+  EXPECT_EQ(f.code, kConverged) << f.err;
+  EXPECT_NE(f.out.find("converged"), std::string::npos);
+  EXPECT_NE(f.out.find("feature_alignment"), std::string::npos);
+  EXPECT_NE(f.err.find("prepare"), std::string::npos) << "--profile";
+  for (const char* name : {"features.png", "overlay.png", "residual.png"}) EXPECT_FALSE(cv::imread(out.path(std::string("results/of/this/") + name)).empty()) << name;
+  EXPECT_EQ(nlohmann::json::parse(bytes_of(out.path("results/of/this/result.json")))["status"], "converged");
+}
+
+TEST_F(Command, JsonIsAllThereIsOnStandardOutput) {
+  const Finished f = run(align({"--json", "--truth", truth_, "--profile"}));
+  EXPECT_EQ(f.code, kConverged) << f.err;
+  const auto json = nlohmann::json::parse(f.out);  // throws on anything before or after it
+  EXPECT_EQ(json["status"], "converged");
+  EXPECT_LT(json["stages"].back()["e_pixel"].get<double>(), 0.2);
+}
+
+TEST_F(Command, ExrDepthAndFeatureFilesGiveThePoseToo) {
+  const auto e_pixel = [](const Finished& f) { return nlohmann::json::parse(f.out)["stages"].back()["e_pixel"].get<double>(); };
+  const Finished exr = run({"align", file("a.png"), file("b.png"), "--depth", file("d.exr"), "--camera", camera_, "--solver", "cpu", "--json", "--truth", truth_});
+  ASSERT_EQ(exr.code, kConverged) << exr.err;
+  EXPECT_LT(e_pixel(exr), 0.2);
+  std::string csv = "u,v,inverse_depth\n";
+  const auto json = nlohmann::json::parse(exr.out);
+  for (const auto& f : json["features"]) csv += f["u0"].dump() + "," + f["v0"].dump() + "," + f["inverse_depth"].dump() + "\n";
+  const Folder folder;
+  const Finished sparse = run({"align", file("a.png"), file("b.png"), "--features", folder.write("f.csv", csv), "--camera", camera_, "--solver", "cpu", "--json",
+                               "--truth", truth_, "--initial-pose", "-0.001 0 0 0 0 0 1", "--out", folder.path("out")});
+  ASSERT_EQ(sparse.code, kConverged) << sparse.err << sparse.out.substr(0, 200);
+  EXPECT_LT(e_pixel(sparse), 0.2);
+  EXPECT_TRUE(std::filesystem::exists(folder.path("out/overlay.png")));
+}
+
+TEST_F(Command, TwoRunsGiveTheSameBits) {
+  const auto pose = [&] { return nlohmann::json::parse(run(align({"--json"})).out)["T_10"].dump(); };
+  EXPECT_EQ(pose(), pose());
+}
+
+TEST_F(Command, UsageErrors) {
+  for (const std::vector<std::string>& line : std::vector<std::vector<std::string>>{
+           {}, {"no_such_command"}, {"align"}, {"align", "a.png", "b.png"}, {"align", "--solver", "gpu"}, {"demo", "--count", "many"}}) {
+    const Finished f = run(line);
+    EXPECT_EQ(f.code, kUsage);
+    EXPECT_EQ(f.out, "");
+    EXPECT_NE(f.err, "");
+  }
+}
+
+TEST_F(Command, HelpShowsDefaultsExamplesAndExitCodes) {
+  const Finished f = run({"align", "--help"});
+  EXPECT_EQ(f.code, 0);
+  for (const char* piece : {"Examples:", "Exit codes:", "T_10", "shi-tomasi", "--refine-rounds", "--initial-pose"})
+    EXPECT_NE(f.out.find(piece), std::string::npos) << piece;
+  EXPECT_EQ(run({"--version"}).code, 0);
+}
+
+TEST_F(Command, BadInputHasItsCodeAndNamesTheFile) {
+  const Folder folder;
+  const auto replaced = [&](const std::string& from, const std::string& to) {
+    std::vector<std::string> line = align();
+    for (std::string& word : line)
+      if (word == from) word = to;
+    return run(line);
+  };
+  const auto expect = [](const Finished& f, int code, const std::string& piece) {
+    EXPECT_EQ(f.code, code) << f.err;
+    EXPECT_EQ(f.out, "");
+    EXPECT_NE(f.err.find(piece), std::string::npos) << f.err;
+  };
+  cv::imwrite(folder.path("small.png"), cv::Mat(100, 100, CV_8UC3, cv::Scalar(1, 2, 3)));
+  cv::imwrite(folder.path("nodepth.png"), cv::Mat::zeros(240, 320, CV_16UC1));
+  expect(replaced(file("a.png"), folder.path("missing.png")), kIo, "missing.png");
+  expect(replaced(file("b.png"), folder.write("text.png", "hello")), kIo, "text.png");
+  expect(replaced(file("b.png"), folder.path("small.png")), kBadInput, "100x100");
+  expect(replaced(file("d.png"), folder.path("nodepth.png")), kBadInput, "nodepth.png");
+  expect(replaced("5000", "-1"), kBadInput, "--depth-scale");
+  expect(replaced(camera_, "1,2,3"), kBadInput, "1,2,3");
+  expect(replaced(camera_, folder.write("c.yaml", "intrinsics: [1, 2, 3, 4]\n")), kBadInput, "resolution");
+  expect(run(align({"--truth", "1 2 3 0 0 0 9"})), kBadInput, "--truth");
+  expect(run(align({"--levels", "99"})), kBadInput, "levels");
+  expect(run(align({"--features", folder.write("f.csv", "u,v,depth\n1,2,3\n4,x,6\n")})), kBadInput, "f.csv:3");
+}
+
+TEST_F(Command, EveryVerdictHasItsExitCode) {
+  const Folder folder;
+  const Finished few = run(align({"--features", folder.write("f.csv", "u,v,depth\n100,100,2\n"), "--json"}));
+  EXPECT_EQ(few.code, kTooFewFeatures);
+  EXPECT_EQ(nlohmann::json::parse(few.out)["status"], "too_few_features");
+  const Finished none = run(align({"--features", folder.write("g.csv", "u,v,depth\n")}));
+  EXPECT_EQ(none.code, kTooFewFeatures) << none.err;
+  EXPECT_NE(none.out.find("hint"), std::string::npos);
+  const Finished away = run(align({"--initial-pose", "50 0 0 0 0 0 1"}));
+  EXPECT_EQ(away.code, kLowOverlap) << away.out;
+  // A pair that has nothing in common.
+  cv::Mat other(240, 320, CV_8UC3);
+  cv::randu(other, 0, 255);
+  cv::imwrite(folder.path("other.png"), other);
+  std::vector<std::string> line = align();
+  line[2] = folder.path("other.png");
+  EXPECT_GE(run(line).code, kMaxIterations);
+  // Two pictures of one grey value do not determine a pose.
+  cv::imwrite(folder.path("grey.png"), cv::Mat(240, 320, CV_8UC3, cv::Scalar(90, 90, 90)));
+  line[1] = line[2] = folder.path("grey.png");
+  line.insert(line.end(), {"--detector", "grid"});
+  EXPECT_EQ(run(line).code, kDegenerate);
+}
+
+TEST_F(Command, OutputThatCannotBeWritten) {
+  const Folder folder;
+  folder.write("file", "x");
+  const Finished under_file = run(align({"--out", folder.path("file/out")}));
+  EXPECT_EQ(under_file.code, kIo) << under_file.err;
+  EXPECT_NE(under_file.err.find("file/out"), std::string::npos);
+  // A disk that is full after 20 kB: nothing half written stays.
+  const Finished full = run(align({"--out", folder.path("out")}), [] {
+    std::signal(SIGXFSZ, SIG_IGN);
+    const rlimit limit = {20000, 20000};
+    setrlimit(RLIMIT_FSIZE, &limit);
+  });
+  EXPECT_EQ(full.code, kIo) << full.err;
+  EXPECT_NE(full.err.find("features.png"), std::string::npos) << full.err;
+  EXPECT_TRUE(std::filesystem::is_empty(folder.path("out")));
+  const Finished closed = run(align({"--json"}), [] { dup2(open("/dev/full", O_WRONLY), 1); });
+  EXPECT_EQ(closed.code, kIo) << closed.err;
+}
+
+TEST_F(Command, DevicesThatAreNotThere) {
+  std::vector<std::string> line = align();
+  line.back() = "host";
+  line.insert(line.end(), {"--device", "No Such Device"});
+  const Finished f = run(line);
+  EXPECT_EQ(f.code, kNoDevice) << f.err;
+  EXPECT_EQ(f.out, "");
+  const auto no_driver = [] {
+    setenv("VK_ICD_FILENAMES", "/nonexistent.json", 1);
+    setenv("VK_DRIVER_FILES", "/nonexistent.json", 1);
+  };
+  line.resize(line.size() - 2);
+  EXPECT_EQ(run(line, no_driver).code, kNoDevice);
+  EXPECT_EQ(run({"devices", "--json"}, no_driver).code, kNoDevice);
+  EXPECT_EQ(run(align(), no_driver).code, kConverged) << "--solver cpu needs no driver";
+}
+
+TEST_F(Command, DevicesListsAsJson) {
+  const Finished f = run({"devices", "--json"});
+  if (f.code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine: " << f.err;
+  ASSERT_EQ(f.code, 0) << f.err;
+  const auto list = nlohmann::json::parse(f.out);
+  ASSERT_FALSE(list.empty());
+  for (const char* key : {"index", "name", "type", "uuid", "usable"}) EXPECT_TRUE(list[0].contains(key)) << key;
+  EXPECT_NE(run({"devices"}).out.find(list[0]["name"].get<std::string>()), std::string::npos);
+}
+
+TEST_F(Command, Demo) {
+  const Folder folder;
+  const Finished f = run({"demo", "--solver", "cpu", "--out", folder.path("demo")});
+  EXPECT_EQ(f.code, kConverged) << f.err;
+  EXPECT_NE(f.out.find("error [px]"), std::string::npos);
+  const auto json = nlohmann::json::parse(bytes_of(folder.path("demo/result.json")));
+  EXPECT_LT(json["stages"].back()["e_pixel"].get<double>(), 0.1);
+  for (const char* name : {"features.png", "overlay.png", "residual.png", "reference.png", "target.png"})
+    EXPECT_FALSE(cv::imread(folder.path(std::string("demo/") + name)).empty()) << name;
+}
+
+}  // namespace
+}  // namespace iclk

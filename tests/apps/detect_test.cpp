@@ -1,0 +1,119 @@
+#include "apps/detect.h"
+
+#include <cmath>
+
+#include "files.h"
+
+namespace iclk {
+namespace {
+
+cv::Mat noise_image(int width, int height) {
+  cv::Mat m(height, width, CV_8UC1);
+  cv::RNG random(7);
+  random.fill(m, cv::RNG::UNIFORM, 0, 255);
+  return m;
+}
+
+const Detector kAll[] = {Detector::shi_tomasi, Detector::grid, Detector::random};
+
+DetectorOptions options_of(Detector detector, int count = 50, uint64_t seed = 0) { return {detector, count, seed, 17}; }
+
+TEST(Detect, FeaturesAreValidSpreadAndCounted) {
+  const cv::Mat image = noise_image(320, 240), depth(240, 320, CV_32FC1, cv::Scalar(2));
+  for (const Detector detector : kAll) {
+    const Features f = detect_features(image, depth, {}, options_of(detector));
+    ASSERT_EQ(f.size(), 50);
+    int quadrants[4] = {};
+    for (int i = 0; i < f.size(); ++i) {
+      const Eigen::Vector2d uv = f.uv[static_cast<size_t>(i)];
+      EXPECT_EQ(uv, uv.array().round().matrix());
+      EXPECT_GE(uv.x(), 17);
+      EXPECT_GE(uv.y(), 17);
+      EXPECT_LT(uv.x(), 320 - 17);
+      EXPECT_LT(uv.y(), 240 - 17);
+      EXPECT_DOUBLE_EQ(f.inverse_depth[static_cast<size_t>(i)], 0.5);
+      ++quadrants[(uv.x() > 160) + 2 * (uv.y() > 120)];
+    }
+    for (const int n : quadrants) EXPECT_GE(n, 5) << "bunched";
+  }
+}
+
+TEST(Detect, SameInputSameFeatures) {
+  const cv::Mat image = noise_image(320, 240), depth(240, 320, CV_32FC1, cv::Scalar(2));
+  for (const Detector detector : kAll) {
+    const Features a = detect_features(image, depth, {}, options_of(detector, 30, 5)), b = detect_features(image, depth, {}, options_of(detector, 30, 5));
+    EXPECT_EQ(a.uv, b.uv);
+  }
+  EXPECT_NE(detect_features(image, depth, {}, options_of(Detector::random, 30, 1)).uv, detect_features(image, depth, {}, options_of(Detector::random, 30, 2)).uv);
+}
+
+TEST(Detect, OnlyWhereThereIsDepthAndItWasSeen) {
+  const cv::Mat image = noise_image(320, 240);
+  cv::Mat depth = cv::Mat::zeros(240, 320, CV_32FC1), seen(240, 320, CV_8UC1, cv::Scalar(255));
+  depth(cv::Rect(0, 0, 160, 240)).setTo(3);
+  seen(cv::Rect(0, 0, 320, 100)).setTo(0);
+  for (const Detector detector : kAll) {
+    const Features f = detect_features(image, depth, seen, options_of(detector, 200));
+    EXPECT_GT(f.size(), 10);
+    for (const Eigen::Vector2d& uv : f.uv) {
+      EXPECT_LT(uv.x(), 160);
+      EXPECT_GE(uv.y(), 103) << "the whole patch must have been seen";
+    }
+  }
+}
+
+TEST(Detect, SmoothDepthComesBeforeDepthEdges) {
+  const cv::Mat image = noise_image(320, 240);
+  cv::Mat depth(240, 320, CV_32FC1, cv::Scalar(1));
+  depth(cv::Rect(160, 0, 160, 240)).setTo(2);  // an edge between columns 159 and 160
+  for (const Detector detector : kAll)
+    for (const Eigen::Vector2d& uv : detect_features(image, depth, {}, options_of(detector)).uv)
+      EXPECT_TRUE(uv.x() < 156 || uv.x() >= 163) << uv.transpose();
+  // Where nothing is smooth, edges serve.
+  for (int v = 0; v < 240; ++v)
+    for (int u = 0; u < 320; ++u) depth.at<float>(v, u) = (u / 3 + v / 3) % 2 ? 1.0f : 2.0f;
+  for (const Detector detector : kAll) EXPECT_EQ(detect_features(image, depth, {}, options_of(detector)).size(), 50);
+}
+
+TEST(Detect, CornersAreFound) {
+  cv::Mat image(240, 320, CV_8UC1, cv::Scalar(100));
+  image(cv::Rect(100, 80, 60, 50)).setTo(200);
+  const Features f = detect_features(image, cv::Mat(240, 320, CV_32FC1, cv::Scalar(2)), {}, options_of(Detector::shi_tomasi, 4));
+  ASSERT_EQ(f.size(), 4);
+  for (const Eigen::Vector2d& uv : f.uv) {
+    const double du = std::min(std::abs(uv.x() - 99.5), std::abs(uv.x() - 159.5)), dv = std::min(std::abs(uv.y() - 79.5), std::abs(uv.y() - 129.5));
+    EXPECT_LT(std::max(du, dv), 5) << uv.transpose();
+  }
+}
+
+TEST(Detect, NothingToFindIsNotAnError) {
+  const cv::Mat flat(240, 320, CV_8UC1, cv::Scalar(100)), none = cv::Mat::zeros(240, 320, CV_32FC1);
+  for (const Detector detector : kAll) {
+    EXPECT_EQ(detect_features(flat, none, {}, options_of(detector)).size(), 0);
+    EXPECT_EQ(detect_features(noise_image(16, 16), cv::Mat(16, 16, CV_32FC1, cv::Scalar(1)), {}, options_of(detector)).size(), 0);
+  }
+  EXPECT_EQ(detect_features(flat, cv::Mat(240, 320, CV_32FC1, cv::Scalar(1)), {}, options_of(Detector::shi_tomasi)).size(), 0);
+}
+
+TEST(Detect, TenThousand) {
+  const cv::Mat image = noise_image(1600, 1200), depth(1200, 1600, CV_32FC1, cv::Scalar(2));
+  EXPECT_EQ(detect_features(image, depth, {}, options_of(Detector::shi_tomasi, 10000)).size(), 10000);
+}
+
+TEST(Detect, BadOptions) {
+  const cv::Mat image = noise_image(64, 64), depth(64, 64, CV_32FC1, cv::Scalar(2));
+  test::expect_error([&] { detect_features(image, depth, {}, options_of(Detector::grid, 0)); }, ErrorCode::invalid_argument, {"count 0"});
+  test::expect_error([&] { detect_features(image, depth(cv::Rect(0, 0, 32, 64)), {}, options_of(Detector::grid)); }, ErrorCode::invalid_argument, {"32x64", "64x64"});
+  test::expect_error([] { parse_detector("sift"); }, ErrorCode::invalid_argument, {"sift", "shi-tomasi"});
+}
+
+TEST(Detect, GreyOfDeepImagesFillsTheRange) {
+  cv::Mat deep(2, 2, CV_16UC1, cv::Scalar(1000));
+  deep.at<uint16_t>(1, 1) = 3000;
+  const cv::Mat grey = grey_8bit(deep);
+  EXPECT_EQ(grey.at<uchar>(0, 0), 0);
+  EXPECT_EQ(grey.at<uchar>(1, 1), 255);
+}
+
+}  // namespace
+}  // namespace iclk

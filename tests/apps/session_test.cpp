@@ -1,0 +1,236 @@
+#include "apps/session.h"
+
+#include <cmath>
+
+#include <opencv2/imgcodecs.hpp>
+
+#include "apps/io/sequence.h"
+#include "apps/metrics.h"
+#include "apps/report.h"
+#include "apps/scene.h"
+#include "files.h"
+
+namespace iclk {
+namespace {
+
+using test::expect_error;
+using test::Folder;
+
+PairInput scene_input(int width = 320, int height = 240) {
+  SceneOptions options;
+  options.width = width;
+  options.height = height;
+  Vector6d xi;
+  xi << 0.02, -0.01, 0.02, 0.01, 0.015, -0.02;
+  const ScenePair scene = make_scene_pair(SE3::exp(xi), options);
+  PairInput pair;
+  pair.image_0 = scene.image_0;
+  pair.image_1 = scene.image_1;
+  pair.depth_0 = scene.depth_0;
+  pair.camera = scene.camera;
+  pair.truth = scene.T_10;
+  detect_missing_features(pair, {});
+  return pair;
+}
+
+SessionOptions cpu_options() {
+  SessionOptions options;
+  options.solver = Solver::cpu;
+  return options;
+}
+
+/// Every number is finite, or the value is null.
+void expect_finite(const nlohmann::ordered_json& value) {
+  if (value.is_number_float()) {
+    EXPECT_TRUE(std::isfinite(value.get<double>()));
+  }
+  if (value.is_structured())
+    for (const auto& child : value) expect_finite(child);
+}
+
+void expect_matrix(const nlohmann::ordered_json& value, size_t n) {
+  ASSERT_TRUE(value.is_array());
+  ASSERT_EQ(value.size(), n);
+  for (const auto& row : value) EXPECT_EQ(row.size(), n);
+}
+
+TEST(Session, FindsTheTruthAndReportsIt) {
+  const PairInput pair = scene_input();
+  Session session(cpu_options());
+  const RefinedAlignment result = session.run(pair);
+  ASSERT_TRUE(result.converged()) << result.reason;
+  EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel, 0.2);
+
+  const auto json = to_json(pair, result, session);
+  for (const char* key : {"status", "T_10", "covariance", "stages", "levels", "features", "visible_fraction", "device", "timing_ms"})
+    EXPECT_TRUE(json.contains(key)) << key;
+  EXPECT_EQ(json["status"], "converged");
+  expect_matrix(json["T_10"], 4);
+  expect_matrix(json["covariance"], 6);
+  EXPECT_GT(json["covariance"][0][0].get<double>(), 0);
+  for (int r = 0; r < 3; ++r) EXPECT_EQ(json["T_10"][static_cast<size_t>(r)][3].get<double>(), result.T_10.t[r]) << "row-major";
+  ASSERT_EQ(json["stages"].size(), 3u);
+  const char* names[] = {"iclk", "feature_alignment", "pose"};
+  for (size_t i = 0; i < 3; ++i) {
+    const auto& stage = json["stages"][i];
+    EXPECT_EQ(stage["name"], names[i]);
+    expect_matrix(stage["T_10"], 4);
+    for (const char* key : {"cost", "ms", "e_pixel", "e_transl", "e_rot"}) EXPECT_TRUE(stage[key].is_number()) << key;
+  }
+  EXPECT_EQ(json["levels"].size(), 4u);
+  EXPECT_EQ(json["levels"][0]["level"], 3);
+  ASSERT_EQ(json["features"].size(), static_cast<size_t>(pair.features.size()));
+  for (const char* key : {"u0", "v0", "inverse_depth", "u1", "v1", "status"}) EXPECT_TRUE(json["features"][0].contains(key)) << key;
+  expect_finite(json);
+  EXPECT_EQ(to_json(pair, result, session).dump(), json.dump());
+
+  const std::string table = to_table(pair, result, session);
+  EXPECT_NE(table.find("converged"), std::string::npos);
+  EXPECT_EQ(table.find("hint"), std::string::npos);
+}
+
+TEST(Session, WithoutTruthThereAreNoErrors) {
+  PairInput pair = scene_input();
+  pair.truth.reset();
+  Session session(cpu_options());
+  const auto json = to_json(pair, session.run(pair), session);
+  EXPECT_FALSE(json["stages"][0].contains("e_pixel"));
+}
+
+TEST(Session, WithoutRefinementThereIsOneStage) {
+  const PairInput pair = scene_input();
+  SessionOptions options = cpu_options();
+  options.refine = false;
+  Session session(options);
+  const RefinedAlignment result = session.run(pair);
+  ASSERT_TRUE(result.converged()) << result.reason;
+  const auto json = to_json(pair, result, session);
+  ASSERT_EQ(json["stages"].size(), 1u);
+  EXPECT_EQ(json["features"][0]["status"], "projected");
+}
+
+TEST(Session, AFailureHasNullsAndAHint) {
+  PairInput pair = scene_input();
+  pair.features.uv.resize(3);
+  pair.features.inverse_depth.resize(3);
+  pair.features.inverse_depth[0] = NAN;
+  Session session(cpu_options());
+  const RefinedAlignment result = session.run(pair);
+  EXPECT_EQ(result.status, Status::too_few_features);
+  const auto json = to_json(pair, result, session);
+  expect_finite(json);
+  EXPECT_TRUE(json["covariance"][0][0].is_null()) << "no covariance is not a covariance of zero";
+  EXPECT_TRUE(json["features"][0]["inverse_depth"].is_null());
+  EXPECT_EQ(json["features"][0]["status"], "not_finite");
+  EXPECT_NE(to_table(pair, result, session).find("hint"), std::string::npos);
+}
+
+TEST(Session, OtherSizesAndMoreFeaturesMakeNewPlans) {
+  Session session(cpu_options());
+  EXPECT_TRUE(session.run(scene_input()).converged());
+  EXPECT_TRUE(session.run(scene_input(400, 300)).converged());
+  PairInput pair = scene_input(400, 300);
+  pair.features = {};
+  DetectorOptions many;
+  many.count = 120;
+  detect_missing_features(pair, many);
+  EXPECT_TRUE(session.run(pair).converged());
+}
+
+TEST(Session, BatchesGiveWhatSinglesGive) {
+  const PairInput a = scene_input();
+  PairInput b = a;
+  std::swap(b.image_0, b.image_1);
+  b.T_10 = a.truth->inverse();
+  const std::vector<PairInput> pairs = {a, b, a};
+  SessionOptions options = cpu_options();
+  options.max_pairs = 2;
+  Session session(options), single(cpu_options());
+  const std::vector<RefinedAlignment> results = session.run(pairs);
+  ASSERT_EQ(results.size(), 3u);
+  for (size_t i = 0; i < 3; ++i) EXPECT_EQ(results[i].T_10.matrix(), single.run(pairs[i]).T_10.matrix()) << i;
+}
+
+TEST(Session, DeepAndGreyImages) {
+  for (const int depth : {CV_16U, CV_32F}) {
+    PairInput pair = scene_input();
+    pair.image_0 = grey_8bit(pair.image_0);
+    pair.image_0.convertTo(pair.image_0, depth, depth == CV_16U ? 257 : 1 / 255.0);
+    pair.image_1.convertTo(pair.image_1, depth, depth == CV_16U ? 257 : 1 / 255.0);
+    Session session(cpu_options());
+    EXPECT_TRUE(session.run(pair).converged());
+  }
+}
+
+TEST(Session, DenseNeedsADepthImage) {
+  PairInput pair = scene_input();
+  SessionOptions options = cpu_options();
+  options.dense = true;
+  Session session(options);
+  const RefinedAlignment result = session.run(pair);
+  EXPECT_TRUE(result.converged()) << result.reason;
+  EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel, 0.2);
+  pair.depth_0 = cv::Mat();
+  expect_error([&] { session.run(pair); }, ErrorCode::invalid_argument, {"--dense", "--depth"});
+}
+
+TEST(PairLoader, SizesMustAgree) {
+  const Folder folder;
+  cv::imwrite(folder.path("a.png"), cv::Mat(60, 80, CV_8UC1, cv::Scalar(9)));
+  cv::imwrite(folder.path("b.png"), cv::Mat(60, 81, CV_8UC1, cv::Scalar(9)));
+  cv::imwrite(folder.path("d.png"), cv::Mat(61, 80, CV_16UC1, cv::Scalar(900)));
+  InputOptions options;
+  options.camera = load_camera("50,50,39.5,29.5");
+  options.depth_scale = 1000;
+  const PairLoader loader(options);
+  expect_error([&] { loader.load({folder.path("a.png"), folder.path("b.png"), folder.path("d.png"), ""}); }, ErrorCode::invalid_argument,
+               {"b.png", "81x60", "80x60"});
+  expect_error([&] { loader.load({folder.path("a.png"), folder.path("a.png"), folder.path("d.png"), ""}); }, ErrorCode::invalid_argument,
+               {"d.png", "80x61", "80x60"});
+  expect_error([&] { loader.load({folder.path("a.png"), folder.path("a.png"), "", ""}); }, ErrorCode::invalid_argument, {"--depth", "--features"});
+  options.camera = load_camera("50,50,39.5,29.5,640,360");
+  expect_error([&] { PairLoader(options).load({folder.path("a.png"), folder.path("a.png"), folder.path("d.png"), ""}); },
+               ErrorCode::invalid_argument, {"640x360", "80x60"});
+}
+
+TEST(PairLoader, FeaturesAreUndistortedAtTheDoor) {
+  const Folder folder;
+  cv::imwrite(folder.path("a.png"), cv::Mat(240, 320, CV_8UC1, cv::Scalar(9)));
+  InputOptions options;
+  options.camera = load_camera("300,300,159.5,119.5");
+  options.distortion = parse_distortion("radtan:0.5,0,0,0");
+  // x = 0.2: distorted to 0.2 (1 + 0.5 * 0.04) = 0.204.
+  const PairInput pair = PairLoader(options).load({folder.path("a.png"), folder.path("a.png"), "", folder.write("f.csv", "u,v,depth\n220.7,119.5,2\n")});
+  EXPECT_NEAR(pair.features.uv[0].x(), 159.5 + 300 * 0.2, 1e-3);
+  EXPECT_NEAR(pair.features.uv[0].y(), 119.5, 1e-6);
+}
+
+TEST(Session, RealPairsMeetTheIssue) {
+  const std::string folder = test::data_folder("tum_fr1_360_5");
+  if (folder.empty()) GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5";
+  const Sequence sequence = load_sequence(folder);
+  const auto pairs = make_pairs(sequence, 1);
+  ASSERT_EQ(pairs.size(), 4u);
+  for (const bool undistort : {false, true}) {
+    InputOptions options;
+    options.camera = *sequence.camera;
+    if (undistort) options.distortion = parse_distortion("radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633");
+    const PairLoader loader(options);
+    Session session(cpu_options());
+    double degrees = 0, mm = 0;
+    for (int i = 0; i < 4; ++i) {
+      const SequencePair& p = pairs[static_cast<size_t>(i)];
+      const PairInput pair = loader.load({p.reference, p.target, p.depth, ""});
+      const RefinedAlignment result = session.run(pair);
+      EXPECT_TRUE(result.converged()) << i << ": " << result.reason;
+      const PoseError e = pose_error(pair.camera, pair.features, result.T_10, *p.T_10);
+      if (i < 3) degrees += e.e_rot * 180 / M_PI / 3, mm += 1e3 * e.e_transl / 3;
+      else EXPECT_LE(e.e_rot * 180 / M_PI, 0.55);
+    }
+    EXPECT_LE(degrees, undistort ? 0.20 : 0.25);
+    EXPECT_LE(mm, undistort ? 3.5 : 6.5);
+  }
+}
+
+}  // namespace
+}  // namespace iclk
