@@ -5,6 +5,7 @@
 #include <cstdio>
 #include <cstdlib>
 
+#include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 
 #include "apps/io/images.h"
@@ -101,8 +102,15 @@ void Session::make_aligner(const PairInput& pair, int features) {
   if (fits) return;
   refiner_.reset();
   aligner_.reset();
-  aligner_ = options_.solver == Solver::cpu ? make_cpu_aligner(plan, options_.aligner) : nullptr;
-  if (!aligner_) throw Error(ErrorCode::unsupported, "this build has only --solver cpu");
+  device_aligner_ = nullptr;
+  if (options_.solver == Solver::cpu) {
+    aligner_ = make_cpu_aligner(plan, options_.aligner);
+  } else {
+    auto aligner = make_device_aligner(context_, plan, options_.aligner, options_.solver);
+    aligner->enable_timing(options_.profile);
+    device_aligner_ = aligner.get();
+    aligner_ = std::move(aligner);
+  }
   if (options_.refine) refiner_ = std::make_unique<Refiner>(*aligner_, options_.refiner);
   plan_ = plan;
 }
@@ -158,6 +166,10 @@ std::string Session::profile_text(const PairInput& pair) const {
   row("setup", times_.setup);
   row("prepare", times_.prepare);
   row("align", times_.align);
+  if (device_aligner_ != nullptr && !device_aligner_->times().empty()) {
+    out += "  on the device, all runs:\n";
+    for (const engine::StageTime& stage : device_aligner_->times()) row(("  " + stage.name).c_str(), stage.milliseconds);
+  }
   return out;
 }
 

@@ -13,6 +13,8 @@
 
 namespace iclk {
 
+class DeviceAligner;
+
 struct SessionOptions {
   Solver solver = Solver::host;
   std::string device;       ///< index, part of a name, UUID; empty: ICLK_DEVICE, else the best
@@ -21,6 +23,7 @@ struct SessionOptions {
   bool refine = true;
   RefinerOptions refiner;
   int max_pairs = 1;        ///< in one batch on the device
+  bool profile = false;     ///< let the device keep the time of its stages
 };
 
 /// Where a run spent its time, ms.
@@ -57,6 +60,7 @@ class Session {
   std::string device_name_;
   Plan plan_;
   std::unique_ptr<Aligner> aligner_;
+  DeviceAligner* device_aligner_ = nullptr;  // aligner_, where it is one
   std::unique_ptr<Refiner> refiner_;
   SessionTimes times_;
 };
