@@ -37,5 +37,6 @@ void print(std::string_view text);
 void add_align(CLI::App& app, int& exit);
 void add_devices(CLI::App& app, int& exit);
 void add_demo(CLI::App& app, int& exit);
+void add_bench(CLI::App& app, int& exit);
 
 }  // namespace iclk

@@ -20,6 +20,7 @@ int run(int argc, char** argv) {
   iclk::add_align(app, exit);
   iclk::add_demo(app, exit);
   iclk::add_devices(app, exit);
+  iclk::add_bench(app, exit);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -1,0 +1,65 @@
+#pragma once
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include <iclk/align/aligner.h>
+#include <iclk/engine/context.h>
+#include <iclk/refine/refiner.h>
+
+namespace iclk {
+
+/// A pair as every method gets it; what one of them does not need does not count against it.
+struct PeerPair {
+  cv::Mat image_0, image_1;  ///< as load_image gives them
+  cv::Mat grey_0, grey_1;    ///< CV_8UC1
+  cv::Mat depth_0, depth_1;  ///< CV_32FC1 metres, NaN = none
+  Camera camera;
+  Features features;         ///< of image 0
+  SE3 T_10;                  ///< truth
+};
+
+struct PeerAnswer {
+  bool has_pose = false;
+  bool claimed = false;  ///< the method itself says that it succeeded
+  SE3 T_10;
+};
+
+/// A way to find T_10. What is kept between calls (devices, memory, detectors) is made before the first.
+class PeerMethod {
+ public:
+  explicit PeerMethod(std::string name) : name_(std::move(name)) {}
+  virtual ~PeerMethod() = default;
+  virtual PeerAnswer run(const PeerPair& pair) = 0;
+  const std::string& name() const { return name_; }
+
+ private:
+  std::string name_;
+};
+
+/// iclk as `iclk align` runs it, one pair at a time; claimed: Status::converged.
+struct IclkSettings {
+  std::shared_ptr<engine::Context> context;  ///< null: Solver::cpu
+  Solver solver = Solver::host;
+  AlignerOptions aligner;
+  RefinerOptions refiner;
+};
+std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine);
+
+/// cv::rgbd::RgbdOdometry, all settings its own: every pixel with depth of both images, four levels.
+/// `threads`: of OpenCV while it runs; 0: OpenCV's own choice.
+std::unique_ptr<PeerMethod> make_rgbd_odometry(int threads = 0);
+
+/// The same features, tracked by cv::calcOpticalFlowPyrLK (21x21 windows, four levels), and cv::solvePnPRansac (2 px, 200 tries).
+std::unique_ptr<PeerMethod> make_klt_pnp();
+
+/// cv::SIFT in both images, brute-force matches that pass the ratio test 0.75, depth of image 0 there, and the same solvePnPRansac.
+std::unique_ptr<PeerMethod> make_sift_pnp();
+
+/// A solver of any kind. `context` may be null for Solver::cpu.
+std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<engine::Context>& context, const Plan& plan,
+                                          const AlignerOptions& options);
+
+}  // namespace iclk
