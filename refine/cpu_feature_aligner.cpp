@@ -31,6 +31,8 @@ class CpuFeatureAligner final : public FeatureAligner {
     return results;
   }
 
+  int pairs_per_batch() const override { return maps_->pairs_per_batch(); }
+
  private:
   std::unique_ptr<FeatureMaps> maps_;
   FeatureAlignmentOptions options_;
@@ -48,6 +50,7 @@ class CpuAlignerMaps final : public FeatureMaps {
   const Camera& camera(int slot) const override { return aligner_.camera(in_range("slot", slot)); }
   const Features& features(int slot) const override { return aligner_.features(in_range("slot", slot)); }
   const std::vector<FeatureCheck>& checks(int slot) const override { return aligner_.checks(in_range("slot", slot)); }
+  int pairs_per_batch() const override { return aligner_.plan().max_pairs; }
 
  private:
   [[noreturn]] static void refuse(const char* what, int index) {
@@ -66,10 +69,8 @@ std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<Feature
   return std::make_unique<CpuFeatureAligner>(std::move(maps), options);
 }
 
-std::unique_ptr<FeatureAligner> make_feature_aligner(Aligner& aligner, const FeatureAlignmentOptions& options) {
-  if (const auto* cpu = dynamic_cast<const CpuAligner*>(&aligner))
-    return make_cpu_feature_aligner(std::make_unique<CpuAlignerMaps>(*cpu), options);
-  throw Error(ErrorCode::unsupported, "no feature aligner for this kind of aligner: give the refiner one");
+std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(const CpuAligner& aligner, const FeatureAlignmentOptions& options) {
+  return make_cpu_feature_aligner(std::make_unique<CpuAlignerMaps>(aligner), options);
 }
 
 }  // namespace iclk

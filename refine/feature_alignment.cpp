@@ -41,7 +41,7 @@ double interpolation_noise(double u, double v) {
 Template make_template(const Map& f0, const Eigen::Vector2d& c0, const Eigen::Matrix2d& A_inverse) {
   Template t;
   const auto at = [&](double du, double dv) -> Eigen::Vector2d { return c0 + A_inverse * Eigen::Vector2d(du, dv); };
-  t.inside = true;
+  t.inside = f0.width > 1 && f0.height > 1;
   for (double dv : {-kCentre, kCentre})
     for (double du : {-kCentre, kCentre}) {
       const Eigen::Vector2d p = at(du, dv);
@@ -99,7 +99,8 @@ struct Sums {
 Sums sum_patch(const Map& f1, const Eigen::Vector2d& c1, const Template& t) {
   Sums s;
   const double first_u = c1.x() - kCentre, first_v = c1.y() - kCentre;
-  s.inside = first_u >= 0 && first_v >= 0 && first_u + kPatch - 1 <= f1.width - 1 && first_v + kPatch - 1 <= f1.height - 1;
+  // Strictly larger than a patch: the shader reads the ninth column and row even where they weigh nothing.
+  s.inside = f1.width > kPatch && f1.height > kPatch && first_u >= 0 && first_v >= 0 && first_u + kPatch - 1 <= f1.width - 1 && first_v + kPatch - 1 <= f1.height - 1;
   if (!s.inside) return s;
   double sum_I = 0, sum_II = 0, sum_IT = 0;
   Eigen::Vector2d sum_Ig(0, 0);

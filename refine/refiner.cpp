@@ -132,7 +132,7 @@ Refiner::~Refiner() = default;
 
 std::vector<RefinedAlignment> Refiner::align(std::span<const Pair> pairs) {
   std::vector<RefinedAlignment> results(pairs.size());
-  const size_t batch = static_cast<size_t>(std::max(1, aligner_.plan().max_pairs));
+  const size_t batch = static_cast<size_t>(std::max(1, feature_aligner_->pairs_per_batch()));
   for (size_t first = 0; first < pairs.size(); first += batch) {
     const size_t n = std::min(batch, pairs.size() - first);
     refine(pairs.subspan(first, n), std::span(results).subspan(first, n));

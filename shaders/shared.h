@@ -180,6 +180,30 @@ struct IteratePush {
 #define ICLK_FLAG_START 4u          // start gain and bias from the moments of the images, take no step
 #define ICLK_FLAG_GIVEN 8u          // the point is the host's (PairInfo), not the state's
 
+// Feature alignment: all features of one pair, warped by one pose.
+struct FeatureTask {
+  uint reference, pair;
+  uint first_feature, feature_count;  // in the list of FeatureInfo and of AlignedInfo
+  float pose[12];                     // T_10, 3x4 row-major
+};
+
+// AlignedFeature of refine/feature_alignment.h.
+struct AlignedInfo {
+  float u, v;
+  float covariance_uu, covariance_uv, covariance_vv;
+  float gain, bias, correlation;
+  uint iterations;
+  uint status;             // iclk::FeatureStatus
+};
+
+struct FeatureAlignmentPush {
+  uint map_stride;
+  uint level_count;
+  uint iterations;
+  uint coarse_start;       // iclk::CoarseStart
+  float step_tolerance, max_motion, min_correlation, min_texture;
+};
+
 #ifdef __cplusplus
 }  // namespace iclk::shaders
 #endif

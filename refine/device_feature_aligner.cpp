@@ -1,0 +1,196 @@
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include <iclk/align/device_aligner.h>
+#include <iclk/engine/error.h>
+#include <iclk/engine/submission.h>
+#include <iclk/refine/feature_aligner.h>
+#include <iclk/shaders/shared.h>
+
+#include "feature_alignment.comp.spv.h"
+
+namespace iclk {
+namespace {
+
+using engine::BufferUse;
+using engine::MemoryKind;
+
+// Groups of a dispatch in x; 65,535 is what every device has.
+constexpr uint32_t kFeaturesATask = 32768;
+// Features of a submission: 16 MiB of features and 40 MiB of results, within maxStorageBufferRange of every device.
+constexpr uint64_t kFeaturesASubmission = 1 << 20;
+
+/// Buffers of a submission. Host-visible: a few bytes a feature, written once and read once.
+struct Buffers {
+  Buffers(uint32_t max_tasks, uint32_t max_features) {
+    tasks = plan.add("feature tasks", sizeof(shaders::FeatureTask) * max_tasks, MemoryKind::upload, BufferUse::storage);
+    features = plan.add("task features", sizeof(shaders::FeatureInfo) * max_features, MemoryKind::upload, BufferUse::storage);
+    aligned = plan.add("aligned features", sizeof(shaders::AlignedInfo) * max_features, MemoryKind::readback, BufferUse::storage);
+  }
+  engine::MemoryPlan plan;
+  engine::BufferId tasks, features, aligned;
+};
+
+engine::KernelDescription description() {
+  using enum engine::BindingKind;
+  return {"feature_alignment", feature_alignment_comp_spv,
+          {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, storage_write},
+          sizeof(shaders::FeatureAlignmentPush), {}};
+}
+
+engine::ArenaSize arena_size(const engine::Kernel& kernel) {
+  engine::ArenaSize size;
+  size.add(kernel);
+  return size;
+}
+
+AlignedFeature unpack(const shaders::AlignedInfo& info) {
+  AlignedFeature f;
+  f.status = static_cast<FeatureStatus>(std::min(info.status, static_cast<uint32_t>(FeatureStatus::rejected)));
+  f.iterations = static_cast<int>(info.iterations);
+  const bool finite = std::isfinite(info.u) && std::isfinite(info.v) && std::isfinite(info.gain) && std::isfinite(info.bias) &&
+                      std::isfinite(info.correlation) && std::isfinite(info.covariance_uu) && std::isfinite(info.covariance_uv) &&
+                      std::isfinite(info.covariance_vv);
+  if (!finite) {  // what a device makes of NaN pixels is its own affair
+    f.status = f.status == FeatureStatus::aligned ? FeatureStatus::diverged : f.status;
+    return f;
+  }
+  f.uv1 = {info.u, info.v};
+  f.covariance << info.covariance_uu, info.covariance_uv, info.covariance_uv, info.covariance_vv;
+  f.gain = info.gain;
+  f.bias = info.bias;
+  f.correlation = info.correlation;
+  return f;
+}
+
+class DeviceFeatureAligner final : public FeatureAligner {
+ public:
+  DeviceFeatureAligner(const DeviceAligner& aligner, const FeatureAlignmentOptions& options)
+      : aligner_(aligner),
+        options_(checked(options)),
+        kernel_(aligner.context(), description()),
+        max_features_(static_cast<uint32_t>(std::min<uint64_t>(
+            kFeaturesASubmission, static_cast<uint64_t>(aligner.pairs_per_batch()) * static_cast<uint64_t>(aligner.plan().max_features)))),
+        max_tasks_(std::min(static_cast<uint32_t>(aligner.pairs_per_batch()) + max_features_ / kFeaturesATask,
+                            aligner.context()->limits().maxComputeWorkGroupCount[1])),
+        ids_(max_tasks_, max_features_),
+        memory_(aligner.context(), ids_.plan),
+        arena_(aligner.context(), arena_size(kernel_)),
+        submission_(aligner.context()) {}
+
+  std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) override {
+    std::vector<std::vector<AlignedFeature>> results;
+    results.reserve(tasks.size());
+    pieces_.clear();  // a lost device may have left some
+    filled_ = 0;
+    for (const FeatureAlignmentTask& task : tasks) {
+      check(task);
+      results.emplace_back(aligner_.features(task.reference).uv.size());
+    }
+    for (size_t i = 0; i < tasks.size(); ++i) {
+      const auto count = static_cast<uint32_t>(results[i].size());
+      for (uint32_t first = 0; first < count;) {
+        if (pieces_.size() == max_tasks_ || filled_ == max_features_) run(results);
+        const uint32_t n = std::min({count - first, kFeaturesATask, max_features_ - filled_});
+        add(tasks[i], {i, first, n});
+        first += n;
+      }
+    }
+    run(results);
+    return results;
+  }
+
+  int pairs_per_batch() const override { return aligner_.pairs_per_batch(); }
+
+ private:
+  /// Features [first, first + count) of a task.
+  struct Piece {
+    size_t task;
+    uint32_t first, count;
+  };
+
+  static const FeatureAlignmentOptions& checked(const FeatureAlignmentOptions& options) {
+    options.check();
+    return options;
+  }
+
+  void check(const FeatureAlignmentTask& task) const {
+    const auto refuse = [](const char* what, int index) {
+      throw Error(ErrorCode::invalid_argument, std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
+    };
+    if (task.reference < 0 || task.reference >= aligner_.plan().max_references) refuse("slot", task.reference);
+    if (task.pair < 0 || task.pair >= aligner_.pairs_per_batch()) refuse("pair", task.pair);
+  }
+
+  void add(const FeatureAlignmentTask& task, const Piece& piece) {
+    const Features& features = aligner_.features(task.reference);
+    const std::vector<FeatureCheck>& checks = aligner_.checks(task.reference);
+    auto* infos = memory_[ids_.features].as<shaders::FeatureInfo>() + filled_;
+    for (uint32_t k = 0; k < piece.count; ++k) {
+      const size_t i = piece.first + k;
+      const bool ok = checks[i] == FeatureCheck::ok;
+      infos[k] = {ok ? static_cast<float>(features.uv[i].x()) : 0.0f, ok ? static_cast<float>(features.uv[i].y()) : 0.0f,
+                  ok ? static_cast<float>(features.inverse_depth[i]) : 0.0f, 0.0f};
+    }
+    shaders::FeatureTask info{static_cast<uint32_t>(task.reference), static_cast<uint32_t>(task.pair), filled_, piece.count, {}};
+    for (int r = 0; r < 3; ++r) {
+      for (int c = 0; c < 3; ++c) info.pose[4 * r + c] = static_cast<float>(task.T_10.R(r, c));
+      info.pose[4 * r + 3] = static_cast<float>(task.T_10.t(r));
+    }
+    memory_[ids_.tasks].as<shaders::FeatureTask>()[pieces_.size()] = info;
+    pieces_.push_back(piece);
+    filled_ += piece.count;
+  }
+
+  /// Aligns what was added and empties the list.
+  void run(std::vector<std::vector<AlignedFeature>>& results) {
+    if (pieces_.empty()) return;
+    const DeviceAligner::Maps maps = aligner_.maps();
+    shaders::FeatureAlignmentPush push{};
+    push.map_stride = maps.map_stride;
+    push.level_count = static_cast<uint32_t>(maps.levels->size / sizeof(shaders::LevelInfo));
+    push.iterations = static_cast<uint32_t>(options_.iterations);
+    push.coarse_start = static_cast<uint32_t>(options_.coarse_start);
+    push.step_tolerance = static_cast<float>(options_.step_tolerance);
+    push.max_motion = static_cast<float>(options_.max_motion);
+    push.min_correlation = static_cast<float>(options_.min_correlation);
+    push.min_texture = static_cast<float>(options_.min_texture);
+    const auto widest = std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
+
+    engine::Recorder recorder(*aligner_.context(), submission_.begin(), arena_);
+    recorder.stage("feature_alignment");
+    recorder.dispatch(kernel_, {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.maps0, maps.maps1,
+                                &memory_[ids_.aligned]},
+                      push, {widest->count, static_cast<uint32_t>(pieces_.size()), 1});
+    recorder.host_read({&memory_[ids_.aligned]});
+    recorder.finish();
+    submission_.end();
+    submission_.submit_and_wait();
+
+    const auto* infos = memory_[ids_.aligned].as<const shaders::AlignedInfo>();
+    for (const Piece& piece : pieces_)
+      for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k] = unpack(*infos++);
+    pieces_.clear();
+    filled_ = 0;
+  }
+
+  const DeviceAligner& aligner_;
+  FeatureAlignmentOptions options_;
+  engine::Kernel kernel_;
+  uint32_t max_features_, max_tasks_;
+  Buffers ids_;
+  engine::Workspace memory_;
+  engine::DescriptorArena arena_;
+  engine::Submission submission_;
+  std::vector<Piece> pieces_;  // waiting in the buffers
+  uint32_t filled_ = 0;        // features of theirs
+};
+
+}  // namespace
+
+std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner, const FeatureAlignmentOptions& options) {
+  return std::make_unique<DeviceFeatureAligner>(aligner, options);
+}
+
+}  // namespace iclk
