@@ -51,7 +51,7 @@ void main() {
 
   bool starts = (push.flags & ICLK_FLAG_START) != 0u, ends = (push.flags & ICLK_FLAG_END) != 0u;
   uint taken = 0u;
-  if (!starts) begin_level(lm);
+  begin_level(lm);  // also where it starts: the state of an earlier batch, or none, must not count as done
   uint evaluations = starts ? 1u : push.iterations + (ends ? 1u : 0u);
   for (uint i = 0u; i < evaluations; ++i) {
     bool last = ends && (lm.done || i == push.iterations);

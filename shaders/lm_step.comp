@@ -29,7 +29,7 @@ void main() {
     lm.gain = pairs[pair].gain;
     lm.bias = pairs[pair].bias;
   }
-  if (push.iterations == 0u && !starts && !ends) begin_level(lm);
+  if (push.iterations == 0u && !ends) begin_level(lm);  // also where it starts: an earlier batch's state must not count as done
   if (lm.done && !ends) return;  // the same for every lane
   if (lane < ICLK_SUM_VECTORS) {
     vec4 sum = vec4(0.0);
