@@ -43,6 +43,9 @@ void run_align(const AlignOptions& options, int& exit) {
   PairInput pair = loader.load(options.files);
   pair.T_10 = start;
   pair.truth = truth;
+  if (options.files.features.empty() && pair.features.size() < options.load.features.count)
+    spdlog::warn("found {} features, not {}: they need depth, texture and {} px to the border", pair.features.size(), options.load.features.count,
+                 options.load.features.border);
   Session session(session_options);
   report_device(session);
   const RefinedAlignment result = session.run(pair);

@@ -4,6 +4,7 @@
 #include <fcntl.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <csignal>
 #include <functional>
 
@@ -225,6 +226,8 @@ TEST_F(Command, DevicesThatAreNotThere) {
   line.resize(line.size() - 2);
   EXPECT_EQ(run(line, no_driver).code, kNoDevice);
   EXPECT_EQ(run({"devices", "--json"}, no_driver).code, kNoDevice);
+  const auto wish = [] { setenv("ICLK_DEVICE", "No Such Device", 1); };
+  EXPECT_EQ(run(line, wish).code, kNoDevice) << "ICLK_DEVICE is not read";
   EXPECT_EQ(run(align(), no_driver).code, kConverged) << "--solver cpu needs no driver";
 }
 
@@ -236,6 +239,23 @@ TEST_F(Command, DevicesListsAsJson) {
   ASSERT_FALSE(list.empty());
   for (const char* key : {"index", "name", "type", "uuid", "usable"}) EXPECT_TRUE(list[0].contains(key)) << key;
   EXPECT_NE(run({"devices"}).out.find(list[0]["name"].get<std::string>()), std::string::npos);
+}
+
+TEST_F(Command, ACpuDeviceIsTakenWithANotice) {
+  const Finished f = run({"devices", "--json"});
+  if (f.code != 0) GTEST_SKIP() << "no Vulkan device on this machine";
+  for (const auto& device : nlohmann::json::parse(f.out))
+    if (device["usable"] && device["type"] != "cpu") GTEST_SKIP() << "a GPU is here: no CPU device is taken unasked";
+  std::vector<std::string> line = align({"--json"});
+  *std::find(line.begin(), line.end(), "cpu") = "host";
+  const Finished unasked = run(line, [] { unsetenv("ICLK_DEVICE"); });
+  EXPECT_EQ(unasked.code, kConverged) << unasked.err;
+  EXPECT_NE(unasked.err.find("no GPU"), std::string::npos);
+  line.insert(line.end(), {"--device", "0"});
+  const Finished asked = run(line);
+  EXPECT_EQ(asked.code, kConverged);
+  EXPECT_EQ(asked.err, "");
+  EXPECT_EQ(nlohmann::json::parse(asked.out)["T_10"], nlohmann::json::parse(unasked.out)["T_10"]);
 }
 
 TEST_F(Command, Demo) {

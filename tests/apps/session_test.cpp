@@ -1,5 +1,6 @@
 #include "apps/session.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <opencv2/imgcodecs.hpp>
@@ -87,6 +88,52 @@ TEST(Session, FindsTheTruthAndReportsIt) {
   const std::string table = to_table(pair, result, session);
   EXPECT_NE(table.find("converged"), std::string::npos);
   EXPECT_EQ(table.find("hint"), std::string::npos);
+}
+
+bool has_device() {
+  try {
+    const auto devices = engine::list_devices();
+    return std::any_of(devices.begin(), devices.end(), [](const auto& d) { return d.rejected.empty(); });
+  } catch (const Error&) {
+    return false;
+  }
+}
+
+TEST(Session, EverySolverGivesThePose) {
+  if (!has_device()) GTEST_SKIP() << "no Vulkan device on this machine";
+  const PairInput pair = scene_input();
+  PairInput blank = pair, foreign = pair;
+  blank.image_0 = blank.image_1 = cv::Mat(240, 320, CV_8UC1, cv::Scalar(90));
+  foreign.image_1 = cv::Mat(240, 320, CV_8UC3);
+  cv::RNG random(5);
+  random.fill(foreign.image_1, cv::RNG::UNIFORM, 0, 255);
+  Session cpu(cpu_options());
+  const RefinedAlignment expected = cpu.run(pair);
+  for (const Solver solver : {Solver::host, Solver::device}) {
+    SessionOptions options;
+    options.solver = solver;
+    options.profile = true;
+    Session session(options);
+    EXPECT_NE(session.device_name(), cpu.device_name());
+    const RefinedAlignment result = session.run(pair);
+    ASSERT_TRUE(result.converged()) << result.reason;
+    EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, expected.T_10).e_pixel, 0.01);
+    EXPECT_EQ(session.run(pair).T_10.matrix(), result.T_10.matrix()) << "two runs, the same bits";
+    EXPECT_NE(session.profile_text(pair).find("pyramid"), std::string::npos) << session.profile_text(pair);
+    EXPECT_EQ(session.run(blank).status, cpu.run(blank).status);
+    EXPECT_FALSE(session.run(foreign).converged());
+  }
+}
+
+TEST(Session, ADeviceThatIsNotThereIsNamed) {
+  SessionOptions options;
+  options.device = "No Such Device";
+  try {
+    Session session(options);
+    ADD_FAILURE() << "no error";
+  } catch (const Error& e) {
+    EXPECT_TRUE(e.code() == ErrorCode::no_device || e.code() == ErrorCode::no_driver) << e.what();
+  }
 }
 
 TEST(Session, WithoutTruthThereAreNoErrors) {
