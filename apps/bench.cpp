@@ -26,7 +26,7 @@ const char* const kFooter =
     "\n"
     "Examples:\n"
     "  iclk bench\n"
-    "  iclk bench --pairs 1,64 --repetitions 20 --profile\n"
+    "  iclk bench --pairs 1,64 --repetitions 20 --only device --profile\n"
     "  iclk bench --peers --data ../shared/data --json > peers.json\n"
     "  iclk bench --peers --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633\n";
 
@@ -73,6 +73,7 @@ void add_bench(CLI::App& app, int& exit) {
   command->add_option("--pairs", options->bench.pairs, "Pairs in one call: one line each")->delimiter(',')->capture_default_str();
   command->add_option("--repetitions", options->bench.repetitions, "Repetitions of every figure")->capture_default_str();
   command->add_option("--size", options->size, "Images, WIDTHxHEIGHT")->capture_default_str();
+  command->add_option("--only", options->bench.only, "Methods to measure, by the names in the table; default all");
   command->add_flag("--profile", options->bench.profile, "Also the device solver's time by stage");
   auto* peers = command->add_flag("--peers", options->with_peers, "Compare with RgbdOdometry, KLT and SIFT on tum_fr1_360_5 and hololens_80");
   command->add_option("--data", options->peers.data, "Folder that holds them; default ICLK_DATA, else ../shared/data")->needs(peers);

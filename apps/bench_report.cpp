@@ -44,8 +44,7 @@ Json to_json(const BenchReport& report) {
           {"repetitions", o.repetitions},
           {"rows", rows},
           {"times_faster_than", {{"device_pairs", most_pairs(report)}, {"ratio", ratios}}},
-          {"profiles", profiles},
-          {"notes", report.notes}};
+          {"profiles", profiles}};
 }
 
 std::string to_table(const BenchReport& report) {
@@ -53,15 +52,14 @@ std::string to_table(const BenchReport& report) {
   std::string out = to_line(report.machine);
   out += formatted("%dx%d, %d features; ms a pair, from host images to host poses (upload, pyramids and masks of both images included)\n\n", o.width,
                    o.height, o.features);
-  out += "method                   pairs   median      min      max  cpu time   converged   error px\n";
+  out += "method                    pairs   median      min      max  cpu time    converged  error px\n";
   for (const BenchRow& r : report.rows)
-    out += formatted("%-24s %5d %8.2f %8.2f %8.2f  %8.2f  %5d/%-5d  %8.3f\n", r.method.c_str(), r.pairs, r.wall.median, r.wall.min, r.wall.max, r.cpu,
+    out += formatted("%-25s %5d %8.2f %8.2f %8.2f  %8.2f  %5d/%-5d  %8.3f\n", r.method.c_str(), r.pairs, r.wall.median, r.wall.min, r.wall.max, r.cpu,
                      r.converged, r.run, r.error);
   out += "\n";
   for (const char* name : kOdometry)
-    out += formatted("device solver, %d at a time: %.1f times as fast as %s%s\n", most_pairs(report), ratio(report, name), name,
+    if (std::isfinite(ratio(report, name))) out += formatted("device solver, %d at a time: %.1f times as fast as %s%s\n", most_pairs(report), ratio(report, name), name,
                      name == kOdometry[0] ? formatted(" (OpenCV's own choice: %d threads)", report.machine.opencv_threads).c_str() : "");
-  for (const std::string& note : report.notes) out += "not measured: " + note + "\n";
   for (const BenchProfile& p : report.profiles) {
     out += formatted("\ndevice solver, %d at a time: ms a pair on the device, times a call\n", p.pairs);
     double sum = 0;

@@ -1,7 +1,9 @@
 #include "apps/bench_runs.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <functional>
 #include <limits>
 
 #include <opencv2/imgproc.hpp>
@@ -11,6 +13,7 @@
 
 #include "apps/detect.h"
 #include "apps/io/images.h"
+#include "apps/io/text.h"
 #include "apps/metrics.h"
 #include "apps/scene.h"
 
@@ -105,10 +108,27 @@ BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, i
 }
 
 struct AlignerCase {
-  std::string method;
+  const char* method;
   Solver solver;
   bool colour = false, refine = false;
 };
+
+const std::array kCases = {AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host}, AlignerCase{"cpu", Solver::cpu},
+                           AlignerCase{"device, colour", Solver::device, true}, AlignerCase{"device + refine", Solver::device, false, true}};
+constexpr int kOdometryThreads[] = {0, 1};
+
+bool wanted(const BenchOptions& options, const std::string& method) {
+  return options.only.empty() || std::find(options.only.begin(), options.only.end(), method) != options.only.end();
+}
+
+/// Batch sizes of a case: colour at the largest only, refinement alone and at the largest.
+std::vector<int> batches_of(const AlignerCase& c, const BenchOptions& options) {
+  const int most = *std::max_element(options.pairs.begin(), options.pairs.end());
+  std::vector<int> batches;
+  for (int n : options.pairs)
+    if ((!c.colour && !c.refine) || n == most || (c.refine && n == 1)) batches.push_back(n);
+  return batches;
+}
 
 Plan plan_of(const BenchOptions& options, int batch, bool colour) {
   return {options.width, options.height, options.features, batch, batch, false, colour ? PixelFormat::rgba8 : PixelFormat::r8};
@@ -182,6 +202,12 @@ BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<e
   return profile;
 }
 
+std::string joined(const std::vector<std::string>& names) {
+  std::string all;
+  for (const std::string& name : names) all += (all.empty() ? "'" : ", '") + name + "'";
+  return all;
+}
+
 }  // namespace
 
 void BenchOptions::check() const {
@@ -191,9 +217,19 @@ void BenchOptions::check() const {
   require(!pairs.empty(), "--pairs: at least one number is needed");
   for (int n : pairs) require(n >= 1 && n <= 1024, "--pairs " + std::to_string(n) + " must lie in 1 to 1024");
   require(repetitions >= 1 && repetitions <= 10000, "--repetitions " + std::to_string(repetitions) + " must lie in 1 to 10000");
+  const std::vector<std::string> known = bench_methods();
+  for (const std::string& method : only)
+    require(std::find(known.begin(), known.end(), method) != known.end(), "--only " + printable(method) + " is not known: " + joined(known));
   require(features >= 1 && features <= 10000, "--features " + std::to_string(features) + " must lie in 1 to 10000");
   require(width >= 64 && width <= 4096 && height >= 64 && height <= 4096,
           "--size " + std::to_string(width) + "x" + std::to_string(height) + " must lie in 64x64 to 4096x4096");
+}
+
+std::vector<std::string> bench_methods() {
+  std::vector<std::string> names;
+  for (const AlignerCase& c : kCases) names.push_back(c.method);
+  for (int threads : kOdometryThreads) names.push_back(make_rgbd_odometry(threads)->name());
+  return names;
 }
 
 std::vector<PeerPair> make_bench_pairs(const BenchOptions& options, int count, const Progress& progress) {
@@ -219,33 +255,26 @@ BenchReport run_bench(const BenchOptions& options, const std::shared_ptr<engine:
   const int most = *std::max_element(options.pairs.begin(), options.pairs.end());
   const std::vector<PeerPair> pairs = make_bench_pairs(options, std::max(most, kVariants), progress);
 
-  std::vector<std::pair<AlignerCase, int>> cases;
-  for (const AlignerCase& c : {AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host}, AlignerCase{"cpu", Solver::cpu}})
-    for (int n : options.pairs) cases.emplace_back(c, n);
-  cases.emplace_back(AlignerCase{"device, colour", Solver::device, true}, most);
-  for (int n : options.pairs)
-    if (n == 1 || n == most) cases.emplace_back(AlignerCase{"device + refine", Solver::device, false, true}, n);
-  const int total = static_cast<int>(cases.size()) + 2 + (options.profile ? static_cast<int>(options.pairs.size()) : 0);
-  int done = 0;
-  for (auto [c, n] : cases) {
-    progress(formatted("%s, %d at a time", c.method.c_str(), n), done++, total);
-    try {
-      report.rows.push_back(bench_aligner(options, context, pairs, n, c));
-    } catch (const Error& e) {
-      if (e.code() != ErrorCode::unsupported) throw;
-      report.notes.push_back(formatted("%s at %d: %s", c.method.c_str(), n, e.what()));
-    }
+  struct Step {
+    std::string name;
+    std::function<void()> run;
+  };
+  std::vector<Step> steps;
+  for (const AlignerCase& c : kCases)
+    for (int n : wanted(options, c.method) ? batches_of(c, options) : std::vector<int>())
+      steps.push_back({formatted("%s, %d at a time", c.method, n),
+                       [&, n] { report.rows.push_back(bench_aligner(options, context, pairs, n, c)); }});
+  for (int threads : kOdometryThreads)
+    if (const std::shared_ptr method = make_rgbd_odometry(threads); wanted(options, method->name()))
+      steps.push_back({method->name(), [&, method] { report.rows.push_back(bench_method(options, pairs, *method)); }});
+  for (int n : options.profile ? options.pairs : std::vector<int>())
+    steps.push_back({formatted("profile, %d at a time", n),
+                     [&, n] { report.profiles.push_back(profile_device(options, context, pairs, n)); }});
+  const int total = static_cast<int>(steps.size());
+  for (int i = 0; i < total; ++i) {
+    progress(steps[static_cast<size_t>(i)].name, i, total);
+    steps[static_cast<size_t>(i)].run();
   }
-  for (int threads : {0, 1}) {
-    const auto odometry = make_rgbd_odometry(threads);
-    progress(odometry->name(), done++, total);
-    report.rows.push_back(bench_method(options, pairs, *odometry));
-  }
-  if (options.profile)
-    for (int n : options.pairs) {
-      progress(formatted("profile, %d at a time", n), done++, total);
-      report.profiles.push_back(profile_device(options, context, pairs, n));
-    }
   progress("", total, total);
   return report;
 }

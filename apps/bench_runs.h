@@ -16,6 +16,7 @@ struct BenchOptions {
   int repetitions = 5;                      ///< of every figure
   int features = 50;
   int width = 640, height = 480;
+  std::vector<std::string> only;            ///< methods to measure, BenchRow::method; empty: all
   bool profile = false;                     ///< device time by stage
 
   /// Throws Error(invalid_argument) that names the value and its range.
@@ -48,8 +49,10 @@ struct BenchReport {
   BenchOptions options;
   std::vector<BenchRow> rows;
   std::vector<BenchProfile> profiles;
-  std::vector<std::string> notes;  ///< rows that this build cannot fill
 };
+
+/// BenchRow::method of every row that there can be.
+std::vector<std::string> bench_methods();
 
 /// Distinct pairs of images made in code (apps/scene): motions of 1 to 4 degrees and 2 to 7 cm at 2 m, each forwards, backwards and
 /// mirrored in four ways, so eight pairs a rendering; 50 features or as many as asked for.
