@@ -60,9 +60,11 @@ void StructureOptions::check() const {
   check_range("structure relative_sigma", relative_sigma, 1e-6, 10);
 }
 
-StructureResult refine_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
-                                 const SE3& T_10, const StructureOptions& options) {
-  options.check();
+namespace {
+
+// refine_structure() in the unit in which inverse depths are about 1.
+StructureResult refine_unit_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                                      const SE3& T_10, const StructureOptions& options) {
   StructureResult result;
   // The pose alone first: it weeds out what a free depth would explain away.
   result.pose = refine_pose(camera, features, aligned, T_10, options.pose);
@@ -124,6 +126,24 @@ StructureResult refine_structure(const Camera& camera, const Features& features,
     double c = 0;
     covariance.GetCovarianceBlock(&o.q, &o.q, &c);
     result.inverse_depth_sigma[o.feature] = std::sqrt(variance * c);
+  }
+  return result;
+}
+
+}  // namespace
+
+StructureResult refine_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                                 const SE3& T_10, const StructureOptions& options) {
+  options.check();
+  const double unit = internal::unit_of(features);
+  StructureResult result =
+      refine_unit_structure(camera, internal::in_unit(features, unit), aligned, internal::in_unit(T_10, unit), options);
+  internal::from_unit(unit, result.pose);
+  for (size_t i = 0; i < result.inverse_depth.size(); ++i) {
+    // What was not refined comes back to the bit, NaN included.
+    const bool refined = result.inverse_depth[i] != features.inverse_depth[i] / unit;
+    result.inverse_depth[i] = refined && std::isfinite(result.inverse_depth[i]) ? result.inverse_depth[i] * unit : features.inverse_depth[i];
+    result.inverse_depth_sigma[i] *= unit;
   }
   return result;
 }

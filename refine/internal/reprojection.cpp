@@ -86,6 +86,32 @@ bool ReprojectionCost::Evaluate(double const* const* parameters, double* residua
   return true;
 }
 
+double unit_of(const Features& features) {
+  double sum = 0;
+  int n = 0;
+  for (double q : features.inverse_depth)
+    if (std::isfinite(q) && q > 1e-100 && q < 1e100) {
+      sum += q;
+      ++n;
+    }
+  return n > 0 ? sum / n : 1;
+}
+
+Features in_unit(const Features& features, double unit) {
+  Features scaled = features;
+  for (double& q : scaled.inverse_depth) q /= unit;
+  for (double& sigma : scaled.inverse_depth_sigma) sigma /= unit;
+  return scaled;
+}
+
+SE3 in_unit(const SE3& T_10, double unit) { return {T_10.R, T_10.t * unit}; }
+
+void from_unit(double unit, PoseResult& result) {
+  result.T_10.t /= unit;
+  result.covariance.topRows<3>() /= unit;
+  result.covariance.leftCols<3>() /= unit;
+}
+
 Eigen::Matrix2d whitening(const Eigen::Matrix2d& covariance, double sigma_0) {
   const Eigen::Matrix2d C = covariance + sigma_0 * sigma_0 * Eigen::Matrix2d::Identity();
   return sigma_0 * Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(C).operatorInverseSqrt();

@@ -44,6 +44,13 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 12, 1> {
 /// sigma_0 (covariance + sigma_0^2 I)^-1/2, symmetric.
 Eigen::Matrix2d whitening(const Eigen::Matrix2d& covariance, double sigma_0);
 
+/// Mean inverse depth of the features that have one: with lengths times that, tolerances and conditioning are the same for scenes in
+/// millimetres and in kilometres. 1 where there is none.
+double unit_of(const Features& features);
+Features in_unit(const Features& features, double unit);
+SE3 in_unit(const SE3& T_10, double unit);
+void from_unit(double unit, PoseResult& result);
+
 /// A feature that takes part.
 struct Observation {
   int feature = 0;

@@ -144,6 +144,38 @@ TEST(FeatureAlignment, LevelOneWidensTheBasin) {
   EXPECT_LT(errors(scene, p, f, scene.T_10, options).rms, 0.03);
 }
 
+TEST(FeatureAlignment, LevelOneStartsWhereLevelZeroEnds) {
+  Scene scene;
+  const Pyramids p(scene);
+  FeatureAlignmentOptions options;
+  options.coarse_start = CoarseStart::always;
+  const Features f = test::random_features(scene, 50, 3);
+  for (int i = 0; i < f.size(); ++i)  // one evaluation a level that finds nothing to do: the two levels mean the same place
+    EXPECT_EQ(align_feature(p.f0, p.f0, scene.camera, f.uv[i], f.inverse_depth[i], SE3{}, options).iterations, 2);
+}
+
+TEST(FeatureAlignment, AWrongWarpTurnsThePatchAboutTheFeature) {
+  Scene scene;
+  const Pyramids p(scene);
+  Vector6d roll = Vector6d::Zero();
+  roll[5] = 0.15;
+  Features f = test::random_features(scene, 3000, 3);
+  Eigen::Vector2d mean(0, 0);
+  int n = 0;
+  for (int i = 0; i < f.size(); ++i) {
+    const SE3 T = SE3::exp(roll);
+    const Eigen::Vector3d X = scene.camera.ray(f.uv[i]) * scene.depth(f.uv[i]);
+    const SE3 about_feature{T.R, X - T.R * X};  // projects the feature to the right place with a patch that is rolled
+    const AlignedFeature a = align_feature(p.f0, p.f0, scene.camera, f.uv[i], f.inverse_depth[i], about_feature);
+    if (a.status != FeatureStatus::aligned) continue;
+    mean += a.uv1 - f.uv[i];
+    ++n;
+  }
+  ASSERT_GT(n, 1000);
+  RecordProperty("mean", std::to_string((mean / n).norm()));
+  EXPECT_LT((mean / n).norm(), 0.03);  // half a pixel off centre would move it by 0.15 * 0.5 * sqrt(2) = 0.1
+}
+
 TEST(FeatureAlignment, WarpDerivativeAgreesWithFiniteDifferences) {
   Scene scene;
   scene.T_10 = motion(0.4);

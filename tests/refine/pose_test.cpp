@@ -132,6 +132,20 @@ TEST(Pose, IsExactOnExactCorrespondencesWithGrossOutliers) {
   EXPECT_LT(error_of(r.T_10, scene.T_10).norm(), 1e-6);
 }
 
+TEST(Pose, AFarStartWithOutliersComesHome) {
+  const Scene scene = wide_scene();
+  int home = 0;
+  for (uint32_t seed = 0; seed < 30; ++seed) {
+    std::mt19937 random(seed);
+    const Features f = test::random_features(scene, 40, seed);
+    Vector6d d;
+    d << 1, -1, 2, 0.02, -0.03, 0.05;  // about 25 px
+    const PoseResult r = refine_pose(scene.camera, f, correspondences(scene, f, 0.05, random, 0.3), scene.T_10 * SE3::exp(d));
+    home += r.converged() && error_of(r.T_10, scene.T_10).norm() < 0.2;
+  }
+  EXPECT_GE(home, 29);
+}
+
 TEST(Pose, CovarianceIsThatOfTheErrors) {
   const Scene scene = wide_scene();
   struct Case {
@@ -200,10 +214,45 @@ TEST(Pose, SaysWhyItDidNotConverge) {
   EXPECT_EQ(degenerate.status, Status::degenerate) << degenerate.reason;
   EXPECT_EQ(degenerate.covariance, Matrix6d::Zero());
 
+  Features line = f;  // the camera may turn about them
+  for (int i = 0; i < line.size(); ++i) {
+    line.uv[i] = {100.0 + 14 * i, 239.5};
+    line.inverse_depth[i] = 0.0125;
+  }
+  std::vector<AlignedFeature> on_line(30);
+  for (int i = 0; i < 30; ++i) {
+    on_line[i].status = FeatureStatus::aligned;
+    on_line[i].uv1 = scene.camera.project(scene.T_10 * (scene.camera.ray(line.uv[i]) / line.inverse_depth[i]));
+  }
+  const PoseResult turning = refine_pose(scene.camera, line, on_line, scene.T_10);
+  EXPECT_EQ(turning.status, Status::degenerate) << turning.reason;
+
   PoseOptions hasty;
   hasty.iterations = 1;
   hasty.cauchy_scale = 10;
   EXPECT_EQ(refine_pose(scene.camera, f, a, start_of(scene), hasty).status, Status::max_iterations);
+}
+
+TEST(Pose, TheUnitOfLengthDoesNotMatter) {
+  Scene scene = wide_scene();
+  std::mt19937 random(1);
+  Features f = test::random_features(scene, 30, 1);
+  const std::vector<AlignedFeature> a = correspondences(scene, f, 0.05, random);
+  const PoseResult metres = refine_pose(scene.camera, f, a, start_of(scene));
+  ASSERT_TRUE(metres.converged()) << metres.reason;
+  for (double unit : {1e-7, 1e7}) {
+    Features scaled = f;
+    for (double& q : scaled.inverse_depth) q /= unit;
+    SE3 start = start_of(scene);
+    start.t *= unit;
+    const PoseResult r = refine_pose(scene.camera, scaled, a, start);
+    ASSERT_TRUE(r.converged()) << r.reason;
+    EXPECT_LT((r.T_10.t / unit - metres.T_10.t).norm(), 1e-6);
+    EXPECT_LT((r.T_10.R - metres.T_10.R).norm(), 1e-8);
+    EXPECT_NEAR(r.covariance(0, 0) / (unit * unit) / metres.covariance(0, 0), 1, 1e-4);
+    EXPECT_NEAR(r.covariance(0, 5) / unit / metres.covariance(0, 5), 1, 1e-3);
+    EXPECT_NEAR(r.covariance(5, 5) / metres.covariance(5, 5), 1, 1e-4);
+  }
 }
 
 TEST(Pose, HostileInput) {
