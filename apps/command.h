@@ -35,6 +35,7 @@ void print(std::string_view text);
 // One file a subcommand. Each adds its options to `app`; its callback runs when the subcommand was given, throws Error, and
 // leaves what main() returns in `exit`.
 void add_align(CLI::App& app, int& exit);
+void add_batch(CLI::App& app, int& exit);
 void add_devices(CLI::App& app, int& exit);
 void add_demo(CLI::App& app, int& exit);
 void add_bench(CLI::App& app, int& exit);

@@ -18,6 +18,7 @@ int run(int argc, char** argv) {
   app.footer(std::string("Every subcommand has its own --help, with examples.\n") + iclk::kExitCodesHelp);
   int exit = iclk::kConverged;
   iclk::add_align(app, exit);
+  iclk::add_batch(app, exit);
   iclk::add_demo(app, exit);
   iclk::add_devices(app, exit);
   iclk::add_bench(app, exit);

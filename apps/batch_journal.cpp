@@ -1,0 +1,185 @@
+#include "apps/batch_journal.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <cerrno>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <unordered_map>
+
+#include <iclk/engine/error.h>
+
+#include "apps/io/output.h"
+#include "apps/io/text.h"
+
+namespace iclk {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+constexpr std::string_view kMagic = "{\"iclk_batch\":1,";
+
+[[noreturn]] void io_error(const std::string& path, const std::string& why) {
+  throw Error(ErrorCode::io, "cannot write " + path + ": " + why);
+}
+
+[[noreturn]] void refuse(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
+
+std::string line_text(const Json& json) { return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"; }
+
+}  // namespace
+
+Json result_head(const ManifestLine& line, const std::string& status) {
+  return {{"id", line.id}, {"line", line.number}, {"key", line.key}, {"status", status}};
+}
+
+ResultsJournal::ResultsJournal(const std::string& path, const Manifest& manifest, const Options& options, const Seen& seen) : path_(path) {
+  try {
+    open_file();
+    std::string kept;
+    if (regular_) kept = read_lines(manifest, options, seen);
+    if (!kept.empty()) {
+      // Whole or not at all; the lock goes with the old file, so the new one is locked before anything is appended.
+      write_file(path_, kept);
+      ::close(file_);
+      open_file();
+      size_ = kept.size();
+    }
+    if (regular_ && ::ftruncate(file_, static_cast<off_t>(size_)) != 0) io_error(path_, std::strerror(errno));
+    std::error_code error;
+    const fs::path absolute = fs::weakly_canonical(manifest.path, error);
+    if (size_ == 0)
+      write_text(line_text({{"iclk_batch", 1}, {"version", options.version}, {"manifest", absolute.string()}, {"options", options.run}}));
+    sync();
+  } catch (...) {
+    if (file_ >= 0) ::close(file_);
+    throw;
+  }
+}
+
+ResultsJournal::~ResultsJournal() { ::close(file_); }
+
+void ResultsJournal::open_file() {
+  struct stat info = {};
+  const bool exists = ::stat(path_.c_str(), &info) == 0;
+  regular_ = !exists || S_ISREG(info.st_mode);
+  const int mode = regular_ ? O_RDWR | O_CREAT | O_APPEND : O_WRONLY | O_APPEND;
+  file_ = ::open(path_.c_str(), mode | O_CLOEXEC, 0644);
+  if (file_ < 0) io_error(path_, std::strerror(errno));
+  if (regular_ && ::flock(file_, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK)
+    io_error(path_, "another iclk batch is writing it; give each shard its own file");
+}
+
+void ResultsJournal::check_header(std::string_view line, const Manifest& manifest, const Options& options) const {
+  const Json header = Json::parse(line, nullptr, false);
+  if (!header.is_object()) refuse(path_ + ":1, the header, is damaged: nothing was written; give another --out");
+  std::error_code ignored;
+  const fs::path begun(header.contains("manifest") && header["manifest"].is_string() ? header["manifest"].get<std::string>() : "");
+  const fs::path now = fs::weakly_canonical(manifest.path, ignored);
+  if (fs::exists(begun, ignored) && !fs::equivalent(begun.parent_path(), now.parent_path(), ignored))
+    refuse(path_ + " holds results of another manifest, " + begun.string() + " (this one is " + now.string() + "); give another --out");
+  const Json given = header.value("options", Json::object());
+  for (const auto& [name, value] : options.run.items()) {
+    const auto old = given.find(name);
+    if (old == given.end() || *old == value) continue;
+    const auto shown = [](const Json& v) { return v.is_string() ? v.get<std::string>() : v.dump(); };
+    refuse(path_ + " was begun with " + name + " '" + shown(*old) + "', now it is '" + shown(value) +
+           "': give the same to continue, or another --out");
+  }
+}
+
+Json ResultsJournal::read_head(std::string_view line, int number) const {
+  // A quote inside a JSON string is escaped, so this piece is always a key; what follows it may be long and is not needed.
+  const size_t rest = line.find(",\"reason\":");
+  Json head = line.ends_with('}') && rest != std::string_view::npos ? Json::parse(std::string(line.substr(0, rest)) + "}", nullptr, false)
+                                                                   : Json::parse(line, nullptr, false);
+  const auto is_text = [&](const char* key) { return head.contains(key) && head[key].is_string(); };
+  if (head.is_object() && !(is_text("id") && is_text("key") && is_text("status"))) head = Json::parse(line, nullptr, false);
+  if (!head.is_object() || !is_text("id") || !is_text("key") || !is_text("status"))
+    refuse(path_ + ":" + std::to_string(number) + " is not a result of iclk batch (damaged?): nothing was written; remove that line or give another --out");
+  return head;
+}
+
+/// Sets size_ and done_. Returns what the file should hold instead, or nothing if it may stay as it is.
+std::string ResultsJournal::read_lines(const Manifest& manifest, const Options& options, const Seen& seen) {
+  std::ifstream in(path_, std::ios::binary);
+  if (!in) throw Error(ErrorCode::io, "cannot read " + path_ + ": " + std::strerror(errno));
+  std::unordered_map<std::string_view, const ManifestLine*> known;
+  for (const ManifestLine& line : manifest.lines) known.emplace(line.id, &line);
+  std::unordered_map<std::string, int> first;
+  std::string kept;
+  bool dropped = false;
+  int number = 0;
+  size_t end = 0;
+  for (std::string line; std::getline(in, line);) {
+    const bool whole = !in.eof();
+    if (++number == 1 && line.compare(0, kMagic.size(), kMagic.substr(0, whole ? kMagic.size() : line.size())) != 0)
+      refuse(path_ + " exists and is not a results file of iclk batch: nothing was written; give another --out");
+    if (!whole) break;  // half written when a run was killed: cut off
+    end += line.size() + 1;
+    if (number == 1) {
+      check_header(line, manifest, options);
+    } else {
+      const Json head = read_head(line, number);
+      const std::string id = head["id"];
+      const std::string where = path_ + ":" + std::to_string(number);
+      const auto [other, is_new] = first.emplace(id, number);
+      if (!is_new) refuse(where + " and :" + std::to_string(other->second) + " both hold the result of id '" + printable(id) + "'; remove one of them");
+      const auto source = known.find(id);
+      const bool failed = head["status"].get_ref<const std::string&>() == "error";
+      if (failed && options.retry) {
+        dropped = true;
+        continue;
+      }
+      if (source == known.end())
+        refuse(where + " holds the result of id '" + printable(id) + "', which is not in " + manifest.path +
+               ": results of another manifest? give another --out");
+      if (source->second->key != head["key"].get_ref<const std::string&>())
+        refuse(where + " holds the result of id '" + printable(id) + "', but " + place(manifest, *source->second) +
+               " has changed since, or is of another manifest: " + (failed ? "--retry runs failed pairs again, or " : "") + "give another --out");
+      done_.insert(id);
+      seen(head);
+    }
+    size_ = end;
+    if (options.retry) kept.append(line).append("\n");
+  }
+  if (in.bad()) throw Error(ErrorCode::io, "cannot read " + path_ + ": " + std::strerror(errno));
+  return dropped ? kept : "";
+}
+
+void ResultsJournal::append(const Json& line) {
+  write_text(line_text(line));
+  if (std::chrono::steady_clock::now() - synced_ > std::chrono::seconds(1)) sync();
+}
+
+void ResultsJournal::write_text(const std::string& text) {
+  ssize_t written = 0;
+  do {
+    written = ::write(file_, text.data(), text.size());
+  } while (written < 0 && errno == EINTR);
+  size_t done = written > 0 ? static_cast<size_t>(written) : 0;
+  int error = written < 0 ? errno : 0;
+  // A pipe may take less at a time; a file does so only when the disk or the quota is full, which the second write() tells.
+  while (error == 0 && done < text.size()) {
+    written = ::write(file_, text.data() + done, text.size() - done);
+    if (written > 0) done += static_cast<size_t>(written);
+    else if (written < 0 && errno != EINTR) error = errno;
+  }
+  if (error != 0) {
+    const bool whole = regular_ && ::ftruncate(file_, static_cast<off_t>(size_)) == 0;
+    io_error(path_, std::strerror(error) + std::string(whole ? "; it ends with the last whole line, and the same command continues from there" : ""));
+  }
+  size_ += text.size();
+}
+
+void ResultsJournal::sync() {
+  synced_ = std::chrono::steady_clock::now();
+  if (regular_ && ::fdatasync(file_) != 0) io_error(path_, std::strerror(errno));
+}
+
+}  // namespace iclk

@@ -1,0 +1,29 @@
+#pragma once
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "apps/batch_pool.h"
+#include "apps/run_options.h"
+
+namespace iclk {
+
+/// One PairLoader a camera, so that a camera file is read and its undistortion computed once and not once a pair. Thread-safe.
+class LoaderCache {
+ public:
+  /// Throws Error that names a bad default, --camera included.
+  explicit LoaderCache(const LoadOptions& defaults);
+
+  /// Reads what a line asks for. Throws Error "<manifest>:<line>: ...".
+  DecodedPair load(const Manifest& manifest, const ManifestLine& line) const;
+
+ private:
+  std::shared_ptr<const PairLoader> loader(const PairRequest& request) const;
+
+  LoadOptions defaults_;
+  mutable std::mutex mutex_;
+  mutable std::map<std::string, std::shared_ptr<const PairLoader>> loaders_;
+};
+
+}  // namespace iclk

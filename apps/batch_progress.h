@@ -1,0 +1,55 @@
+#pragma once
+#include <chrono>
+#include <map>
+#include <string>
+#include <vector>
+
+#include <nlohmann/json.hpp>
+
+namespace iclk {
+
+/// Where a batch stands.
+struct ProgressState {
+  int total = 0;      ///< pairs of this run and shard, those of earlier runs included
+  int before = 0;     ///< done by earlier runs
+  int done = 0;       ///< done by this run
+  int failed = 0;     ///< of these
+  double seconds = 0; ///< that this run has taken
+};
+
+/// "[=====>    ] 123/500  24.6 %  12.3 pairs/s  31 s left  2 failed", at most `columns` wide.
+std::string progress_text(const ProgressState& state, int columns);
+/// "45 s", "3 min 20 s", "2 h 5 min".
+std::string duration_text(double seconds);
+
+/// Shows progress on standard error: a bar that is drawn over and over on a terminal, else a line every 10 s.
+class ProgressBar {
+ public:
+  ProgressBar();
+  void show(const ProgressState& state);
+  /// Removes the bar, so that other text can be printed; the next show() draws it again.
+  void clear();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  bool terminal_ = false, drawn_ = false;
+  Clock::time_point next_;
+};
+
+/// Counts and errors of all results in a file.
+class Tally {
+ public:
+  /// `line`: a result, or its head; needs status, and errors if there is a truth.
+  void add(const nlohmann::ordered_json& line);
+  int count(const std::string& status) const;
+  int total() const { return total_; }
+  /// Counts by status, and where truth was given the median errors of the converged pairs.
+  std::string text() const;
+
+ private:
+  std::map<std::string, int> by_status_;
+  int total_ = 0;
+  std::vector<double> e_pixel_, e_transl_, e_rot_;  // of converged pairs
+};
+
+}  // namespace iclk
