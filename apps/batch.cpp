@@ -5,8 +5,8 @@
 #include <filesystem>
 #include <thread>
 
-#include <opencv2/core/utility.hpp>
 #include <spdlog/spdlog.h>
+#include <opencv2/core/utility.hpp>
 
 #include "apps/batch_loaders.h"
 #include "apps/batch_run.h"
@@ -40,10 +40,13 @@ const char* const kFooter =
     "  meta                           anything; comes back in the result\n"
     "Relative paths begin at the manifest's folder. Blank lines are skipped; any other key is an error.\n"
     "\n"
-    "RESULTS.jsonl begins with a header; then a line a pair, in the order in which they were finished: id, line, key (hash of the manifest's\n"
-    "line), status, errors (of T_10, where there is a truth), reason, and the JSON of `iclk align` without features; times are the batch's,\n"
+    "RESULTS.jsonl begins with a header; then a line a pair, in the order in which they were finished: id, line, key (hash of "
+    "the manifest's\n"
+    "line), status, errors (of T_10, where there is a truth), reason, and the JSON of `iclk align` without features; times are "
+    "the batch's,\n"
     "shared evenly. A pair that cannot be read or is badly described has status \"error\" and the reason; the others go on.\n"
-    "Run the same command again to continue after Ctrl-C, a kill or a full disk: pairs with a result are skipped, a half-written last line\n"
+    "Run the same command again to continue after Ctrl-C, a kill or a full disk: pairs with a result are skipped, a "
+    "half-written last line\n"
     "is done again. Results of another manifest, of lines that changed or of other options are refused. Lines may be added.\n"
     "Poses do not depend on --batch, --threads, --memory or --shard.\n"
     "\n"
@@ -56,7 +59,8 @@ const char* const kFooter =
     "Exit codes: 0 every line has a result and none is an error; 20 every line has a result, some with status \"error\";\n"
     "130 stopped by Ctrl-C, 143 by SIGTERM, after the pairs on the device were written (a second signal leaves at once);\n"
     "2 wrong usage, 3 bad manifest, options or results of another manifest, 4 a file cannot be read or written (disk full),\n"
-    "5 no Vulkan driver or no such device, 6 the device failed: pairs that remain are not marked, and the same command continues;\n"
+    "5 no Vulkan driver or no such device, 6 the device failed: pairs that remain are not marked, and the same command "
+    "continues;\n"
     "1 a defect of iclk.";
 
 // What a signal handler can reach.
@@ -85,7 +89,8 @@ void catch_signals() {
 /// The device, and a second plan of one pair for images of which a whole batch does not fit.
 class PairAligner {
  public:
-  PairAligner(const SessionOptions& options, bool with_features) : options_(options), session_(options), with_features_(with_features) {}
+  PairAligner(const SessionOptions& options, bool with_features)
+      : options_(options), session_(options), with_features_(with_features) {}
 
   const Session& session() const { return session_; }
 
@@ -139,7 +144,8 @@ class PairAligner {
 
 /// What the results depend on, as the command line or the defaults say it.
 Json effective_options(const CLI::App& command) {
-  const std::vector<std::string> free = {"--help", "MANIFEST", "--out", "--batch", "--threads", "--memory", "--shard", "--retry", "--with-features", "--device"};
+  const std::vector<std::string> free = {"--help",   "MANIFEST", "--out",   "--batch",         "--threads",
+                                         "--memory", "--shard",  "--retry", "--with-features", "--device"};
   Json json = Json::object();
   for (const CLI::Option* option : command.get_options()) {
     const std::string name = option->get_name();
@@ -161,7 +167,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   const Manifest manifest = read_manifest(options.manifest);
 
   Tally tally;
-  ResultsJournal journal(options.out, manifest, {effective_options(command), ICLK_VERSION, options.retry}, [&](const Json& head) { tally.add(head); });
+  ResultsJournal journal(options.out, manifest, {effective_options(command), ICLK_VERSION, options.retry},
+                         [&](const Json& head) { tally.add(head); });
   const int before = tally.total();
   BatchWork work;
   int in_shard = 0;
@@ -194,7 +201,9 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
       bar.clear();
       spdlog::warn("{}{}", reason, warnings == 5 ? " (further errors are only in the results)" : "");
     };
-    outcome = run_batch(work, journal, tally, [&](const BatchOutcome& o) { bar.show({in_shard, skipped, o.done, o.failed, o.seconds}); });
+    outcome = run_batch(work, journal, tally, [&](const BatchOutcome& o) {
+      bar.show({in_shard, skipped, o.done, o.failed, o.seconds});
+    });
     bar.clear();
   }
 
@@ -209,13 +218,19 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   }
   if (before > 0) summary += ", " + std::to_string(before) + " before";
   summary += "; results in " + options.out + "\n";
-  if (journal.regular()) print(summary);
-  else spdlog::info("\n{}", summary);
+  if (journal.regular())
+    print(summary);
+  else
+    spdlog::info("\n{}", summary);
 
   if (remaining > 0) spdlog::warn("{} of {} pairs remain: run the same command again to continue", remaining, in_shard);
-  if (outcome.lost) throw Error(outcome.lost->code(), std::string(outcome.lost->what()) + (outcome.lost->code() == ErrorCode::out_of_memory ? "; a smaller --batch needs less memory" : ""));
+  if (outcome.lost)
+    throw Error(outcome.lost->code(),
+                std::string(outcome.lost->what()) +
+                    (outcome.lost->code() == ErrorCode::out_of_memory ? "; a smaller --batch needs less memory" : ""));
   const int errors = tally.count("error");
-  if (errors > 0 && remaining == 0) spdlog::warn("{} pairs have status \"error\": see \"reason\" in the results; --retry runs them again", errors);
+  if (errors > 0 && remaining == 0)
+    spdlog::warn("{} pairs have status \"error\": see \"reason\" in the results; --retry runs them again", errors);
   exit = outcome.stopped ? kStoppedBy + static_cast<int>(g_signal) : errors > 0 ? kSomePairsFailed : kConverged;
 }
 
@@ -226,12 +241,21 @@ void add_batch(CLI::App& app, int& exit) {
   auto options = std::make_shared<BatchOptions>();
   command->add_option("MANIFEST", options->manifest, "JSON lines, one pair each; see below")->required();
   command->add_option("--out", options->out, "Results, JSON lines; continued if it is there already")->required();
-  command->add_option("--batch", options->batch, "Pairs on the device at a time, of equal image size; default 16, with --solver cpu 1")->check(CLI::Range(1, 4096));
-  command->add_option("--threads", options->threads, "Threads that read images; default: one a core, at most 16")->check(CLI::Range(1, 256));
-  command->add_option("--memory", options->memory, "MiB of decoded pixels beyond which no pair is begun; besides, at most batch + max(batch, threads) pairs are in memory")
+  command
+      ->add_option("--batch", options->batch,
+                   "Pairs on the device at a time, of equal image size; default 16, with --solver cpu 1")
+      ->check(CLI::Range(1, 4096));
+  command->add_option("--threads", options->threads, "Threads that read images; default: one a core, at most 16")
+      ->check(CLI::Range(1, 256));
+  command
+      ->add_option("--memory", options->memory,
+                   "MiB of decoded pixels beyond which no pair is begun; besides, at most batch + max(batch, threads) pairs "
+                   "are in memory")
       ->capture_default_str()
       ->check(CLI::Range(1, 1 << 24));
-  command->add_option("--shard", options->shard, "k/n: only every n-th line, beginning with the k-th, 0 <= k < n; each shard needs its own --out")
+  command
+      ->add_option("--shard", options->shard,
+                   "k/n: only every n-th line, beginning with the k-th, 0 <= k < n; each shard needs its own --out")
       ->capture_default_str()
       ->check([](const std::string& text) {
         try {
@@ -242,7 +266,8 @@ void add_batch(CLI::App& app, int& exit) {
         }
       });
   command->add_flag("--retry", options->retry, "Run pairs again whose result is an error");
-  command->add_flag("--with-features", options->with_features, "Keep the list of features in the results: about 100 bytes a feature");
+  command->add_flag("--with-features", options->with_features,
+                    "Keep the list of features in the results: about 100 bytes a feature");
   options->load.add_to(*command, false);
   options->run.add_to(*command);
   command->footer(kFooter);

@@ -38,7 +38,8 @@ Json result_head(const ManifestLine& line, const std::string& status) {
   return {{"id", line.id}, {"line", line.number}, {"key", line.key}, {"status", status}};
 }
 
-ResultsJournal::ResultsJournal(const std::string& path, const Manifest& manifest, const Options& options, const Seen& seen) : path_(path) {
+ResultsJournal::ResultsJournal(const std::string& path, const Manifest& manifest, const Options& options, const Seen& seen)
+    : path_(path) {
   try {
     open_file();
     std::string kept;
@@ -54,7 +55,8 @@ ResultsJournal::ResultsJournal(const std::string& path, const Manifest& manifest
     std::error_code error;
     const fs::path absolute = fs::weakly_canonical(manifest.path, error);
     if (size_ == 0)
-      write_text(line_text({{"iclk_batch", 1}, {"version", options.version}, {"manifest", absolute.string()}, {"options", options.run}}));
+      write_text(line_text(
+          {{"iclk_batch", 1}, {"version", options.version}, {"manifest", absolute.string()}, {"options", options.run}}));
     sync();
   } catch (...) {
     if (file_ >= 0) ::close(file_);
@@ -79,10 +81,12 @@ void ResultsJournal::check_header(std::string_view line, const Manifest& manifes
   const Json header = Json::parse(line, nullptr, false);
   if (!header.is_object()) refuse(path_ + ":1, the header, is damaged: nothing was written; give another --out");
   std::error_code ignored;
-  const fs::path begun(header.contains("manifest") && header["manifest"].is_string() ? header["manifest"].get<std::string>() : "");
+  const fs::path begun(header.contains("manifest") && header["manifest"].is_string() ? header["manifest"].get<std::string>()
+                                                                                     : "");
   const fs::path now = fs::weakly_canonical(manifest.path, ignored);
   if (fs::exists(begun, ignored) && !fs::equivalent(begun.parent_path(), now.parent_path(), ignored))
-    refuse(path_ + " holds results of another manifest, " + begun.string() + " (this one is " + now.string() + "); give another --out");
+    refuse(path_ + " holds results of another manifest, " + begun.string() + " (this one is " + now.string() +
+           "); give another --out");
   const Json given = header.value("options", Json::object());
   for (const auto& [name, value] : options.run.items()) {
     const auto old = given.find(name);
@@ -96,12 +100,14 @@ void ResultsJournal::check_header(std::string_view line, const Manifest& manifes
 Json ResultsJournal::read_head(std::string_view line, int number) const {
   // A quote inside a JSON string is escaped, so this piece is always a key; what follows it may be long and is not needed.
   const size_t rest = line.find(",\"reason\":");
-  Json head = line.ends_with('}') && rest != std::string_view::npos ? Json::parse(std::string(line.substr(0, rest)) + "}", nullptr, false)
-                                                                   : Json::parse(line, nullptr, false);
+  Json head = line.ends_with('}') && rest != std::string_view::npos
+                  ? Json::parse(std::string(line.substr(0, rest)) + "}", nullptr, false)
+                  : Json::parse(line, nullptr, false);
   const auto is_text = [&](const char* key) { return head.contains(key) && head[key].is_string(); };
   if (head.is_object() && !(is_text("id") && is_text("key") && is_text("status"))) head = Json::parse(line, nullptr, false);
   if (!head.is_object() || !is_text("id") || !is_text("key") || !is_text("status"))
-    refuse(path_ + ":" + std::to_string(number) + " is not a result of iclk batch (damaged?): nothing was written; remove that line or give another --out");
+    refuse(path_ + ":" + std::to_string(number) +
+           " is not a result of iclk batch (damaged?): nothing was written; remove that line or give another --out");
   return head;
 }
 
@@ -129,7 +135,9 @@ std::string ResultsJournal::read_lines(const Manifest& manifest, const Options& 
       const std::string id = head["id"];
       const std::string where = path_ + ":" + std::to_string(number);
       const auto [other, is_new] = first.emplace(id, number);
-      if (!is_new) refuse(where + " and :" + std::to_string(other->second) + " both hold the result of id '" + printable(id) + "'; remove one of them");
+      if (!is_new)
+        refuse(where + " and :" + std::to_string(other->second) + " both hold the result of id '" + printable(id) +
+               "'; remove one of them");
       const auto source = known.find(id);
       const bool failed = head["status"].get_ref<const std::string&>() == "error";
       if (failed && options.retry) {
@@ -141,7 +149,8 @@ std::string ResultsJournal::read_lines(const Manifest& manifest, const Options& 
                ": results of another manifest? give another --out");
       if (source->second->key != head["key"].get_ref<const std::string&>())
         refuse(where + " holds the result of id '" + printable(id) + "', but " + place(manifest, *source->second) +
-               " has changed since, or is of another manifest: " + (failed ? "--retry runs failed pairs again, or " : "") + "give another --out");
+               " has changed since, or is of another manifest: " + (failed ? "--retry runs failed pairs again, or " : "") +
+               "give another --out");
       done_.insert(id);
       seen(head);
     }
@@ -167,12 +176,16 @@ void ResultsJournal::write_text(const std::string& text) {
   // A pipe may take less at a time; a file does so only when the disk or the quota is full, which the second write() tells.
   while (error == 0 && done < text.size()) {
     written = ::write(file_, text.data() + done, text.size() - done);
-    if (written > 0) done += static_cast<size_t>(written);
-    else if (written < 0 && errno != EINTR) error = errno;
+    if (written > 0)
+      done += static_cast<size_t>(written);
+    else if (written < 0 && errno != EINTR)
+      error = errno;
   }
   if (error != 0) {
     const bool whole = regular_ && ::ftruncate(file_, static_cast<off_t>(size_)) == 0;
-    io_error(path_, std::strerror(error) + std::string(whole ? "; it ends with the last whole line, and the same command continues from there" : ""));
+    io_error(path_,
+             std::strerror(error) +
+                 std::string(whole ? "; it ends with the last whole line, and the same command continues from there" : ""));
   }
   size_ += text.size();
 }

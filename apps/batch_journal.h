@@ -12,28 +12,29 @@ namespace iclk {
 
 /// The results of `iclk batch`, made so that any moment is a good one to be killed in.
 ///
-/// The first line is a header: {"iclk_batch": 1, "version": ..., "manifest": absolute path, "options": {...}}. Then a line a pair, in the
-/// order in which they were finished: {"id", "line", "key", "status", "errors" (with a truth), "reason", ... the JSON contract of report.h}.
-/// Each is written by one write() at the end of the file. What a kill leaves half written is cut off by whoever continues.
+/// The first line is a header: {"iclk_batch": 1, "version": ..., "manifest": absolute path, "options": {...}}. Then a line a
+/// pair, in the order in which they were finished: {"id", "line", "key", "status", "errors" (with a truth), "reason", ... the
+/// JSON contract of report.h}. Each is written by one write() at the end of the file. What a kill leaves half written is cut
+/// off by whoever continues.
 ///
-/// Results of another manifest are refused: the file continues only if the header's options are the same, each id in it is in the
-/// manifest, and the line of that id has not changed since. So lines may be added to a manifest, moved (if they carry ids), and the
-/// whole folder may be moved or mounted elsewhere. What would look alike and is not is the same text in another folder: where the header's manifest
-/// still exists and lies in another folder, the file is refused too.
+/// Results of another manifest are refused: the file continues only if the header's options are the same, each id in it is in
+/// the manifest, and the line of that id has not changed since. So lines may be added to a manifest, moved (if they carry ids),
+/// and the whole folder may be moved or mounted elsewhere. What would look alike and is not is the same text in another folder:
+/// where the header's manifest still exists and lies in another folder, the file is refused too.
 class ResultsJournal {
  public:
   struct Options {
     nlohmann::ordered_json run;  ///< what the results depend on, for the header
     std::string version;
-    bool retry = false;          ///< drop the lines whose status is "error", so that these pairs run again
+    bool retry = false;  ///< drop the lines whose status is "error", so that these pairs run again
   };
   /// Called with the head of every result that is there already: id, line, key, status, errors.
   using Seen = std::function<void(const nlohmann::ordered_json&)>;
 
   /// Opens or begins the file and locks it against a second writer. Nothing is changed before everything was checked.
   /// A path that is no regular file (a pipe, a terminal) is written to and never continued.
-  /// Throws Error(io) if it cannot be read or written or another process writes it, Error(invalid_argument) for results of another
-  /// manifest, other options, or a file that is no results file; each with the remedy.
+  /// Throws Error(io) if it cannot be read or written or another process writes it, Error(invalid_argument) for results of
+  /// another manifest, other options, or a file that is no results file; each with the remedy.
   ResultsJournal(const std::string& path, const Manifest& manifest, const Options& options, const Seen& seen);
   ~ResultsJournal();
   ResultsJournal(const ResultsJournal&) = delete;
@@ -42,7 +43,8 @@ class ResultsJournal {
   bool has(const std::string& id) const { return done_.contains(id); }
   bool regular() const { return regular_; }
 
-  /// One line, one write(). The disk is synchronised every second. Throws Error(io): the file then ends with the last whole line.
+  /// One line, one write(). The disk is synchronised every second. Throws Error(io): the file then ends with the last whole
+  /// line.
   void append(const nlohmann::ordered_json& line);
   /// Throws Error(io): what was appended since the last sync may be lost.
   void sync();

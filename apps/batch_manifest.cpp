@@ -18,8 +18,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::array kKeys = {"id",         "reference",    "target", "depth", "features", "depth_scale", "camera",
-                              "distortion", "initial_pose", "truth",  "meta"};
+constexpr std::array kKeys = {"id",     "reference",  "target",       "depth", "features", "depth_scale",
+                              "camera", "distortion", "initial_pose", "truth", "meta"};
 
 [[noreturn]] void fail(const std::string& where, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, where + ": " + why);
@@ -49,7 +49,8 @@ Json parse_object(const std::string& text, const std::string& where) {
   try {
     json = Json::parse(text);
   } catch (const Json::exception& e) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 9: ...": the line is ours to say, and a token may be long.
+    // "[json.exception.parse_error.101] parse error at line 1, column 9: ...": the line is ours to say, and a token may be
+    // long.
     std::string why = e.what();
     if (const size_t at = why.find("column"); at != std::string::npos) why = why.substr(at);
     fail(where, "not valid JSON: " + why.substr(0, 160));
@@ -123,8 +124,8 @@ Manifest read_manifest(const std::string& path) {
     ManifestLine line{number, id_of(text, number), hash_of(text), std::string(text)};
     const auto [other, is_new] = first.emplace(line.id, number);
     if (!is_new)
-      fail(path, "lines " + std::to_string(other->second) + " and " + std::to_string(number) + " have the same id '" + printable(line.id) +
-                     "' (without \"id\" it is the number of the line); every pair needs its own");
+      fail(path, "lines " + std::to_string(other->second) + " and " + std::to_string(number) + " have the same id '" +
+                     printable(line.id) + "' (without \"id\" it is the number of the line); every pair needs its own");
     manifest.lines.push_back(std::move(line));
   }
   if (manifest.lines.empty()) fail(path, "no pairs in it; a line is {\"reference\": ..., \"target\": ..., \"depth\": ...}");
@@ -161,7 +162,9 @@ PairRequest parse_line(const Manifest& manifest, const ManifestLine& source) {
   return request;
 }
 
-std::string place(const Manifest& manifest, const ManifestLine& line) { return manifest.path + ":" + std::to_string(line.number); }
+std::string place(const Manifest& manifest, const ManifestLine& line) {
+  return manifest.path + ":" + std::to_string(line.number);
+}
 
 Shard parse_shard(const std::string& text) {
   Shard shard;
@@ -172,7 +175,8 @@ Shard parse_shard(const std::string& text) {
     const auto n = std::from_chars(k.ptr + 1, end, shard.n);
     good = n.ec == std::errc() && n.ptr == end && shard.k >= 0 && shard.k < shard.n;
   }
-  if (!good) throw Error(ErrorCode::invalid_argument, "shard '" + printable(text) + "' is not k/n with 0 <= k < n, such as 0/4");
+  if (!good)
+    throw Error(ErrorCode::invalid_argument, "shard '" + printable(text) + "' is not k/n with 0 <= k < n, such as 0/4");
   return shard;
 }
 

@@ -21,16 +21,16 @@ namespace iclk {
 ///   id             string or whole number, once in the file; default: the number of the line
 ///   reference, target               image files; required
 ///   depth, features                 depth image and / or feature file (CSV) of the reference; one of them is required
-///   depth_scale, camera, distortion as the options of `iclk align`, which are their defaults; `camera` may be a list of numbers
-///   initial_pose, truth             T_10: 4x4 (or 3x4) nested lists, a TUM line, or a file that holds one
-///   meta                            anything; comes back in the result
+///   depth_scale, camera, distortion as the options of `iclk align`, which are their defaults; `camera` may be a list of
+///   numbers initial_pose, truth             T_10: 4x4 (or 3x4) nested lists, a TUM line, or a file that holds one meta
+///   anything; comes back in the result
 ///
-/// Relative paths begin at the manifest's folder. Blank lines are skipped; null is as good as a missing key. Any other key is an
-/// error, so that a misspelt "initial_pos" is not silently no initial pose.
+/// Relative paths begin at the manifest's folder. Blank lines are skipped; null is as good as a missing key. Any other key is
+/// an error, so that a misspelt "initial_pos" is not silently no initial pose.
 struct ManifestLine {
-  int number = 0;    ///< as an editor counts
-  std::string id;    ///< "line 7" where line 7 is too broken to say
-  std::string key;   ///< hash of the text: tells a changed line from the one that a result belongs to
+  int number = 0;   ///< as an editor counts
+  std::string id;   ///< "line 7" where line 7 is too broken to say
+  std::string key;  ///< hash of the text: tells a changed line from the one that a result belongs to
   std::string text;
 };
 
@@ -39,8 +39,8 @@ struct Manifest {
   std::vector<ManifestLine> lines;  ///< without the blank ones
 };
 
-/// Throws Error(io) for an unreadable file; Error(invalid_argument) if two lines have one id (it names both) or no line is there.
-/// A broken line does not throw: parse_line does when its turn comes.
+/// Throws Error(io) for an unreadable file; Error(invalid_argument) if two lines have one id (it names both) or no line is
+/// there. A broken line does not throw: parse_line does when its turn comes.
 Manifest read_manifest(const std::string& path);
 
 /// What a line asks for.

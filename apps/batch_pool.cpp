@@ -93,7 +93,8 @@ void DecodePool::next(PairGroup& group, int count, std::chrono::milliseconds pat
   std::unique_lock lock(mutex_);
   free(group);
   changed_.notify_all();
-  changed_.wait_for(lock, patience, [&] { return fill(group, count) || (next_ == lines_.size() && decoding_ == 0 && ready_.empty()); });
+  changed_.wait_for(lock, patience,
+                    [&] { return fill(group, count) || (next_ == lines_.size() && decoding_ == 0 && ready_.empty()); });
 }
 
 bool DecodePool::finished() const {

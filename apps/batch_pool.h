@@ -30,19 +30,21 @@ struct PairGroup {
 
 struct PoolLimits {
   int threads = 1;
-  int pairs = 2;                          ///< in memory at a time: being decoded, waiting, and in the group handed out
-  size_t bytes = size_t{1} << 30;         ///< of decoded pixels; no pair is begun beyond it (so each thread may exceed it by one pair)
+  int pairs = 2;                   ///< in memory at a time: being decoded, waiting, and in the group handed out
+  size_t bytes = size_t{1} << 30;  ///< of decoded pixels; no pair is begun beyond it (so each thread may exceed it by one pair)
 };
 
 /// Decodes lines in the manifest's order, some ahead of who takes them. A bounded number of pairs is in memory.
 class DecodePool {
  public:
   /// `decode` is called from many threads; what it throws becomes the pair's error. `lines` must outlive the pool.
-  DecodePool(std::span<const ManifestLine* const> lines, std::function<DecodedPair(const ManifestLine&)> decode, const PoolLimits& limits);
+  DecodePool(std::span<const ManifestLine* const> lines, std::function<DecodedPair(const ManifestLine&)> decode,
+             const PoolLimits& limits);
   ~DecodePool();
 
-  /// Takes back `group` (whoever moved its pixels elsewhere has dropped them) and fills it with the next pairs, at most `count`: as soon as `count` of the first one's kind are there, or fewer
-  /// where no more can come before some are taken. Failed pairs come at once. Empty if nothing came within `patience`, or at the end.
+  /// Takes back `group` (whoever moved its pixels elsewhere has dropped them) and fills it with the next pairs, at most
+  /// `count`: as soon as `count` of the first one's kind are there, or fewer where no more can come before some are taken.
+  /// Failed pairs come at once. Empty if nothing came within `patience`, or at the end.
   void next(PairGroup& group, int count, std::chrono::milliseconds patience);
   /// Every pair was handed out.
   bool finished() const;
@@ -61,9 +63,9 @@ class DecodePool {
   mutable std::mutex mutex_;
   std::condition_variable changed_;
   std::map<size_t, DecodedPair> ready_;
-  size_t next_ = 0;      // line to begin
+  size_t next_ = 0;  // line to begin
   int decoding_ = 0;
-  int held_ = 0;         // pairs in memory
+  int held_ = 0;  // pairs in memory
   size_t bytes_ = 0;
   bool stopped_ = false;
   std::vector<std::thread> threads_;

@@ -99,7 +99,8 @@ int Tally::count(const std::string& status) const {
 
 std::string Tally::text() const {
   std::string out;
-  for (const auto& [status, count] : by_status_) out += format("%-18s %7d  %5.1f %%\n", status.c_str(), count, 100.0 * count / total_);
+  for (const auto& [status, count] : by_status_)
+    out += format("%-18s %7d  %5.1f %%\n", status.c_str(), count, 100.0 * count / total_);
   if (!e_transl_.empty()) {
     out += format("median error of %zu converged pairs with truth: ", e_transl_.size());
     if (!e_pixel_.empty()) out += format("%.3f px, ", median(e_pixel_));

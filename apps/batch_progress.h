@@ -10,11 +10,11 @@ namespace iclk {
 
 /// Where a batch stands.
 struct ProgressState {
-  int total = 0;      ///< pairs of this run and shard, those of earlier runs included
-  int before = 0;     ///< done by earlier runs
-  int done = 0;       ///< done by this run
-  int failed = 0;     ///< of these
-  double seconds = 0; ///< that this run has taken
+  int total = 0;       ///< pairs of this run and shard, those of earlier runs included
+  int before = 0;      ///< done by earlier runs
+  int done = 0;        ///< done by this run
+  int failed = 0;      ///< of these
+  double seconds = 0;  ///< that this run has taken
 };
 
 /// "[=====>    ] 123/500  24.6 %  12.3 pairs/s  31 s left  2 failed", at most `columns` wide.

@@ -35,7 +35,8 @@ std::vector<Json> align_group(const AlignPairs& align, std::span<const PairInput
     // Below, pair by pair, it is caught again and named.
   }
   std::vector<Json> bodies;
-  for (size_t i = 0; i < pairs.size(); ++i) bodies.push_back(align_alone(align, pairs[i], "line " + std::to_string(items[i].line->number)));
+  for (size_t i = 0; i < pairs.size(); ++i)
+    bodies.push_back(align_alone(align, pairs[i], "line " + std::to_string(items[i].line->number)));
   return bodies;
 }
 
@@ -65,7 +66,8 @@ bool ends_the_run(ErrorCode code) {
   return true;
 }
 
-BatchOutcome run_batch(const BatchWork& work, ResultsJournal& journal, Tally& tally, const std::function<void(const BatchOutcome&)>& progress) {
+BatchOutcome run_batch(const BatchWork& work, ResultsJournal& journal, Tally& tally,
+                       const std::function<void(const BatchOutcome&)>& progress) {
   const auto start = Clock::now();
   BatchOutcome outcome;
   DecodePool pool(work.lines, work.decode, work.limits);

@@ -27,7 +27,7 @@ struct BatchWork {
   std::vector<const ManifestLine*> lines;  ///< still to be done
   std::function<DecodedPair(const ManifestLine&)> decode;
   AlignPairs align;
-  std::function<bool()> stop;              ///< asked between batches
+  std::function<bool()> stop;                                           ///< asked between batches
   std::function<void(const ManifestLine&, const std::string&)> failed;  ///< a pair got status "error"
   int batch = 1;
   PoolLimits limits;
@@ -40,10 +40,11 @@ struct BatchOutcome {
   std::optional<Error> lost;  ///< the device, or its memory: the pairs that remain are not marked as failed
 };
 
-/// Decodes, aligns, writes, until all is done, `stop` says so or the device is lost. A pair that fails gets its line with the reason
-/// and the others go on: where a batch throws, its pairs are tried one by one.
-/// Throws Error(io) if a result cannot be written.
-BatchOutcome run_batch(const BatchWork& work, ResultsJournal& journal, Tally& tally, const std::function<void(const BatchOutcome&)>& progress);
+/// Decodes, aligns, writes, until all is done, `stop` says so or the device is lost. A pair that fails gets its line with the
+/// reason and the others go on: where a batch throws, its pairs are tried one by one. Throws Error(io) if a result cannot be
+/// written.
+BatchOutcome run_batch(const BatchWork& work, ResultsJournal& journal, Tally& tally,
+                       const std::function<void(const BatchOutcome&)>& progress);
 
 /// Whether an error says nothing about the pair, but would meet every later one too.
 bool ends_the_run(ErrorCode code);
