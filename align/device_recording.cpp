@@ -68,6 +68,7 @@ void check_device_image(const DeviceImage& image, const Plan& plan, const std::s
   const std::string size = std::to_string(plan.width) + "x" + std::to_string(plan.height);
   if (const auto* foreign = std::get_if<engine::ForeignImage>(&image)) {
     if (foreign->handle == VK_NULL_HANDLE) refuse("the VkImage is null");
+    if (foreign->layout == VK_IMAGE_LAYOUT_UNDEFINED) refuse("the VkImage is in an undefined layout, which has no content");
     if (foreign->width != static_cast<uint32_t>(plan.width) || foreign->height != static_cast<uint32_t>(plan.height))
       refuse("the VkImage is " + std::to_string(foreign->width) + "x" + std::to_string(foreign->height) + ", the plan was made for " + size);
     if (!same_pixels(foreign->format, plan.format))
@@ -79,7 +80,7 @@ void check_device_image(const DeviceImage& image, const Plan& plan, const std::s
     if (row < static_cast<uint32_t>(plan.width)) refuse("rows of " + std::to_string(row) + " pixels are shorter than the image's");
     const uint64_t need = buffer.offset + bytes_per_pixel(plan.format) * (static_cast<uint64_t>(row) * static_cast<uint64_t>(plan.height - 1) +
                                                                          static_cast<uint64_t>(plan.width));
-    if (buffer.offset % 4 || need > buffer.size)
+    if (buffer.offset % 4 || buffer.offset > buffer.size || need > buffer.size)  // a huge offset wraps round in `need`
       refuse("the VkBuffer has " + std::to_string(buffer.size) + " bytes, the image at offset " + std::to_string(buffer.offset) +
              " (a multiple of 4) needs " + std::to_string(need));
   }
