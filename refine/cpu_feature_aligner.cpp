@@ -54,7 +54,8 @@ class CpuAlignerMaps final : public FeatureMaps {
 
  private:
   [[noreturn]] static void refuse(const char* what, int index) {
-    throw Error(ErrorCode::invalid_argument, std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
+    throw Error(ErrorCode::invalid_argument,
+                std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
   }
   int in_range(const char* what, int slot) const {
     if (slot < 0 || slot >= aligner_.plan().max_references) refuse(what, slot);
@@ -65,7 +66,8 @@ class CpuAlignerMaps final : public FeatureMaps {
 
 }  // namespace
 
-std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<FeatureMaps> maps, const FeatureAlignmentOptions& options) {
+std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<FeatureMaps> maps,
+                                                         const FeatureAlignmentOptions& options) {
   return std::make_unique<CpuFeatureAligner>(std::move(maps), options);
 }
 

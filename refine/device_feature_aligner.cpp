@@ -26,7 +26,8 @@ struct Buffers {
   Buffers(uint32_t max_tasks, uint32_t max_features) {
     tasks = plan.add("feature tasks", sizeof(shaders::FeatureTask) * max_tasks, MemoryKind::upload, BufferUse::storage);
     features = plan.add("task features", sizeof(shaders::FeatureInfo) * max_features, MemoryKind::upload, BufferUse::storage);
-    aligned = plan.add("aligned features", sizeof(shaders::AlignedInfo) * max_features, MemoryKind::readback, BufferUse::storage);
+    aligned =
+        plan.add("aligned features", sizeof(shaders::AlignedInfo) * max_features, MemoryKind::readback, BufferUse::storage);
   }
   engine::MemoryPlan plan;
   engine::BufferId tasks, features, aligned;
@@ -34,9 +35,11 @@ struct Buffers {
 
 engine::KernelDescription description() {
   using enum engine::BindingKind;
-  return {"feature_alignment", feature_alignment_comp_spv,
+  return {"feature_alignment",
+          feature_alignment_comp_spv,
           {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, storage_write},
-          sizeof(shaders::FeatureAlignmentPush), {}};
+          sizeof(shaders::FeatureAlignmentPush),
+          {}};
 }
 
 engine::ArenaSize arena_size(const engine::Kernel& kernel) {
@@ -50,8 +53,8 @@ AlignedFeature unpack(const shaders::AlignedInfo& info) {
   f.status = static_cast<FeatureStatus>(std::min(info.status, static_cast<uint32_t>(FeatureStatus::rejected)));
   f.iterations = static_cast<int>(info.iterations);
   const bool finite = std::isfinite(info.u) && std::isfinite(info.v) && std::isfinite(info.gain) && std::isfinite(info.bias) &&
-                      std::isfinite(info.correlation) && std::isfinite(info.covariance_uu) && std::isfinite(info.covariance_uv) &&
-                      std::isfinite(info.covariance_vv);
+                      std::isfinite(info.correlation) && std::isfinite(info.covariance_uu) &&
+                      std::isfinite(info.covariance_uv) && std::isfinite(info.covariance_vv);
   if (!finite) {  // what a device makes of NaN pixels is its own affair
     f.status = f.status == FeatureStatus::aligned ? FeatureStatus::diverged : f.status;
     return f;
@@ -71,7 +74,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
         options_(checked(options)),
         kernel_(aligner.context(), description()),
         max_features_(static_cast<uint32_t>(std::min<uint64_t>(
-            kFeaturesASubmission, static_cast<uint64_t>(aligner.pairs_per_batch()) * static_cast<uint64_t>(aligner.plan().max_features)))),
+            kFeaturesASubmission,
+            static_cast<uint64_t>(aligner.pairs_per_batch()) * static_cast<uint64_t>(aligner.plan().max_features)))),
         max_tasks_(std::min(static_cast<uint32_t>(aligner.pairs_per_batch()) + max_features_ / kFeaturesATask,
                             aligner.context()->limits().maxComputeWorkGroupCount[1])),
         ids_(max_tasks_, max_features_),
@@ -117,7 +121,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
 
   void check(const FeatureAlignmentTask& task) const {
     const auto refuse = [](const char* what, int index) {
-      throw Error(ErrorCode::invalid_argument, std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
+      throw Error(ErrorCode::invalid_argument,
+                  std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
     };
     if (task.reference < 0 || task.reference >= aligner_.plan().max_references) refuse("slot", task.reference);
     if (task.pair < 0 || task.pair >= aligner_.pairs_per_batch()) refuse("pair", task.pair);
@@ -133,7 +138,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
       infos[k] = {ok ? static_cast<float>(features.uv[i].x()) : 0.0f, ok ? static_cast<float>(features.uv[i].y()) : 0.0f,
                   ok ? static_cast<float>(features.inverse_depth[i]) : 0.0f, 0.0f};
     }
-    shaders::FeatureTask info{static_cast<uint32_t>(task.reference), static_cast<uint32_t>(task.pair), filled_, piece.count, {}};
+    shaders::FeatureTask info{
+        static_cast<uint32_t>(task.reference), static_cast<uint32_t>(task.pair), filled_, piece.count, {}};
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 3; ++c) info.pose[4 * r + c] = static_cast<float>(task.T_10.R(r, c));
       info.pose[4 * r + 3] = static_cast<float>(task.T_10.t(r));
@@ -156,12 +162,14 @@ class DeviceFeatureAligner final : public FeatureAligner {
     push.max_motion = static_cast<float>(options_.max_motion);
     push.min_correlation = static_cast<float>(options_.min_correlation);
     push.min_texture = static_cast<float>(options_.min_texture);
-    const auto widest = std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
+    const auto widest =
+        std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
 
     engine::Recorder recorder(*aligner_.context(), submission_.begin(), arena_);
     recorder.stage("feature_alignment");
-    recorder.dispatch(kernel_, {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.maps0, maps.maps1,
-                                &memory_[ids_.aligned]},
+    recorder.dispatch(kernel_,
+                      {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.maps0, maps.maps1,
+                       &memory_[ids_.aligned]},
                       push, {widest->count, static_cast<uint32_t>(pieces_.size()), 1});
     recorder.host_read({&memory_[ids_.aligned]});
     recorder.finish();
@@ -189,7 +197,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
 
 }  // namespace
 
-std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner, const FeatureAlignmentOptions& options) {
+std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner,
+                                                            const FeatureAlignmentOptions& options) {
   return std::make_unique<DeviceFeatureAligner>(aligner, options);
 }
 

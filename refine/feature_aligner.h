@@ -23,16 +23,16 @@ class FeatureAligner {
  public:
   virtual ~FeatureAligner() = default;
 
-  /// One list a task, one entry a feature of its reference, in order. Throws Error(invalid_argument) for a slot or a pair that the
-  /// aligner does not hold, and for a lost device.
+  /// One list a task, one entry a feature of its reference, in order. Throws Error(invalid_argument) for a slot or a pair that
+  /// the aligner does not hold, and for a lost device.
   virtual std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) = 0;
 
   /// The most pairs of one align() of the aligner whose target maps are all still there afterwards.
   virtual int pairs_per_batch() const = 0;
 };
 
-/// Grey maps and features on the host: what the CPU feature aligner reads. Pairs count within the last batch. Every function throws
-/// Error(invalid_argument) for a slot or a pair that is not there.
+/// Grey maps and features on the host: what the CPU feature aligner reads. Pairs count within the last batch. Every function
+/// throws Error(invalid_argument) for a slot or a pair that is not there.
 class FeatureMaps {
  public:
   virtual ~FeatureMaps() = default;
@@ -45,12 +45,15 @@ class FeatureMaps {
 };
 
 /// The CPU reference: align_feature() for every feature.
-std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<FeatureMaps> maps, const FeatureAlignmentOptions& options = {});
-std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(const CpuAligner& aligner, const FeatureAlignmentOptions& options = {});
+std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<FeatureMaps> maps,
+                                                         const FeatureAlignmentOptions& options = {});
+std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(const CpuAligner& aligner,
+                                                         const FeatureAlignmentOptions& options = {});
 
 /// shaders/feature_alignment.comp on the maps of a DeviceAligner, one submission a call; the same contract, single precision.
 /// `aligner` must outlive it. Memory is allocated here, for the aligner's plan. Throws Error(unsupported) if it does not fit.
-std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner, const FeatureAlignmentOptions& options = {});
+std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner,
+                                                            const FeatureAlignmentOptions& options = {});
 
 /// The feature aligner that works where `aligner` keeps its maps; `aligner` must outlive it.
 /// Throws Error(unsupported) for an Aligner that is not one of the library's.

@@ -15,20 +15,21 @@ namespace iclk {
 namespace {
 
 constexpr int kPatch = ICLK_PATCH, kArea = ICLK_PATCH_AREA;
-constexpr int kSupport = kPatch + 2;             // the template with the ring that its central differences need
-constexpr double kCentre = 0.5 * (kPatch - 1);   // offsets -3.5 .. 3.5: a wrong warp then turns the patch about the feature and does not move it
+constexpr int kSupport = kPatch + 2;  // the template with the ring that its central differences need
+constexpr double kCentre =
+    0.5 * (kPatch - 1);  // offsets -3.5 .. 3.5: a wrong warp then turns the patch about the feature and does not move it
 
 /// The warped patch of one level and what the iterations share.
 struct Template {
-  bool inside = false;                      // the patch lies in image 0
-  std::array<double, kArea> T, Tu, Tv;      // T with its mean taken off; gradients in px of the level in image 1
+  bool inside = false;                  // the patch lies in image 0
+  std::array<double, kArea> T, Tu, Tv;  // T with its mean taken off; gradients in px of the level in image 1
   double mean = 0;
-  double STT = 0;                           // sum T^2
-  Eigen::Matrix2d B;                        // columns: sum grad T * T, sum grad T
-  Eigen::Matrix2d S;                        // Schur complement of (du, dv) in the 4x4 normal matrix
+  double STT = 0;     // sum T^2
+  Eigen::Matrix2d B;  // columns: sum grad T * T, sum grad T
+  Eigen::Matrix2d S;  // Schur complement of (du, dv) in the 4x4 normal matrix
   Eigen::Matrix2d S_inverse;
-  double noise = 1;                         // variance of interpolated over variance of raw white noise, mean over the patch
-  double texture = 0;                       // smaller eigenvalue of S / kArea
+  double noise = 1;    // variance of interpolated over variance of raw white noise, mean over the patch
+  double texture = 0;  // smaller eigenvalue of S / kArea
 };
 
 /// Variance of bilinearly interpolated white noise over its variance.
@@ -100,7 +101,8 @@ Sums sum_patch(const Map& f1, const Eigen::Vector2d& c1, const Template& t) {
   Sums s;
   const double first_u = c1.x() - kCentre, first_v = c1.y() - kCentre;
   // Strictly larger than a patch: the shader reads the ninth column and row even where they weigh nothing.
-  s.inside = f1.width > kPatch && f1.height > kPatch && first_u >= 0 && first_v >= 0 && first_u + kPatch - 1 <= f1.width - 1 && first_v + kPatch - 1 <= f1.height - 1;
+  s.inside = f1.width > kPatch && f1.height > kPatch && first_u >= 0 && first_v >= 0 && first_u + kPatch - 1 <= f1.width - 1 &&
+             first_v + kPatch - 1 <= f1.height - 1;
   if (!s.inside) return s;
   double sum_I = 0, sum_II = 0, sum_IT = 0;
   Eigen::Vector2d sum_Ig(0, 0);

@@ -25,8 +25,10 @@ const char* name(FeatureStatus status);
 
 /// A feature of image 0 found in image 1.
 struct AlignedFeature {
-  Eigen::Vector2d uv1 = Eigen::Vector2d::Zero();  ///< px of level 0 of image 1; where the search ended, whatever the status (finite)
-  /// px^2, of uv1; zero unless aligned. Photometric noise only: residual variance times the inverse of the 2x2 Schur complement.
+  Eigen::Vector2d uv1 =
+      Eigen::Vector2d::Zero();  ///< px of level 0 of image 1; where the search ended, whatever the status (finite)
+  /// px^2, of uv1; zero unless aligned. Photometric noise only: residual variance times the inverse of the 2x2 Schur
+  /// complement.
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
   double gain = 1, bias = 0;  ///< I1 = gain I0 + bias in the patch
   double correlation = 0;     ///< of the warped patch and the target, in [-1, 1]
@@ -43,18 +45,19 @@ std::string summary(std::span<const AlignedFeature> features);
 /// When level 1 (twice the basin, half the precision) comes before level 0.
 enum class CoarseStart : uint8_t {
   never,
-  retry,   ///< where level 0 alone does not align the feature
+  retry,  ///< where level 0 alone does not align the feature
   always,
 };
 
 struct FeatureAlignmentOptions {
   int iterations = 15;           ///< at most, a level
   double step_tolerance = 0.01;  ///< px: a smaller step ends a level; a level whose last step is larger has diverged
-  /// px of level 0 from the projected to the aligned position. On hololens_80, poses 7 px off come back in 19 of 20 pairs with 8 px,
-  /// in 7 with 4 px, and no wrong pose more is taken for right.
+  /// px of level 0 from the projected to the aligned position. On hololens_80, poses 7 px off come back in 19 of 20 pairs with
+  /// 8 px, in 7 with 4 px, and no wrong pose more is taken for right.
   double max_motion = 8;
   double min_correlation = 0.85;
-  /// Smaller eigenvalue of the patch's 2x2 gradient matrix with gain and bias projected out, per pixel: (grey / px)^2, grey in [0, 1].
+  /// Smaller eigenvalue of the patch's 2x2 gradient matrix with gain and bias projected out, per pixel: (grey / px)^2, grey in
+  /// [0, 1].
   double min_texture = 2e-5;
   CoarseStart coarse_start = CoarseStart::retry;
 
@@ -70,11 +73,13 @@ struct PatchWarp {
 };
 PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q, const SE3& T_10);
 
-/// The position in image 1 of the feature at `uv0` (px, sub-pixel) with inverse depth `q` > 0: Lucas-Kanade over (du, dv, gain, bias) of
-/// an 8x8 patch that is centred on the feature and warped affinely by T_10, inverse compositional (the warped patch is the template).
+/// The position in image 1 of the feature at `uv0` (px, sub-pixel) with inverse depth `q` > 0: Lucas-Kanade over (du, dv, gain,
+/// bias) of an 8x8 patch that is centred on the feature and warped affinely by T_10, inverse compositional (the warped patch is
+/// the template).
 ///
 /// `f0`, `f1`: grey pyramids of the same sizes as `camera` and its levels, finest first; level 1 is used where it is there.
-/// Every input is fine: a NaN gives a status, not a position. The shader feature_alignment.comp follows this function stage by stage.
+/// Every input is fine: a NaN gives a status, not a position. The shader feature_alignment.comp follows this function stage by
+/// stage.
 AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
                              const SE3& T_10, const FeatureAlignmentOptions& options = {});
 

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Eigenvalues>
 #include <ceres/ceres.h>
+#include <Eigen/Eigenvalues>
 
 #include <iclk/refine/internal/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
@@ -40,8 +40,8 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE
 namespace {
 
 // refine_pose() in the unit in which inverse depths are about 1.
-PoseResult refine_unit_pose(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10,
-                            const PoseOptions& options) {
+PoseResult refine_unit_pose(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                            const SE3& T_10, const PoseOptions& options) {
   const std::vector<internal::Observation> used = internal::observations(camera, features, aligned, T_10, options.min_sigma);
   PoseResult result;
   result.T_10 = T_10;
@@ -57,14 +57,16 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
   internal::PoseBlock pose = internal::to_block(T_10);
   std::vector<double> q;
   for (const auto& o : used) q.push_back(o.q);
-  // The scale needs no continuation: from 100 px off with 45 % outliers the wanted scale alone comes home as often, in half the steps.
+  // The scale needs no continuation: from 100 px off with 45 % outliers the wanted scale alone comes home as often, in half the
+  // steps.
   ceres::CauchyLoss loss(options.cauchy_scale);
   ceres::Problem::Options ownership;
   ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
   ceres::Problem problem(ownership);
   problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
   for (size_t i = 0; i < used.size(); ++i) {
-    problem.AddResidualBlock(new internal::ReprojectionCost(camera, used[i].uv0, used[i].uv1, used[i].W), &loss, pose.data(), &q[i]);
+    problem.AddResidualBlock(new internal::ReprojectionCost(camera, used[i].uv0, used[i].uv1, used[i].W), &loss, pose.data(),
+                             &q[i]);
     problem.SetParameterBlockConstant(&q[i]);
   }
   ceres::Solver::Options solver = internal::solver_options(options.iterations);
@@ -80,7 +82,8 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
   const std::vector<double> norms = internal::residual_norms(camera, used, result.T_10);
   Matrix6d H = Matrix6d::Zero();
   for (size_t i = 0; i < used.size(); ++i) {
-    const Eigen::Matrix<double, 2, 6> J = used[i].W * reprojection_jacobian(camera, result.T_10, camera.ray(used[i].uv0) / used[i].q);
+    const Eigen::Matrix<double, 2, 6> J =
+        used[i].W * reprojection_jacobian(camera, result.T_10, camera.ray(used[i].uv0) / used[i].q);
     H += J.transpose() * J / (1 + norms[i] * norms[i] / (options.cauchy_scale * options.cauchy_scale));
   }
   constexpr double kSingular = 1e-10;
@@ -107,7 +110,8 @@ PoseResult refine_pose(const Camera& camera, const Features& features, std::span
                        const PoseOptions& options) {
   options.check();
   const double unit = internal::unit_of(features);
-  PoseResult result = refine_unit_pose(camera, internal::in_unit(features, unit), aligned, internal::in_unit(T_10, unit), options);
+  PoseResult result =
+      refine_unit_pose(camera, internal::in_unit(features, unit), aligned, internal::in_unit(T_10, unit), options);
   internal::from_unit(unit, result);
   return result;
 }

@@ -11,8 +11,9 @@
 namespace iclk {
 
 struct PoseOptions {
-  double cauchy_scale = 0.3;      ///< px: a residual of this length has half the weight
-  double min_sigma = 0.1;         ///< px: what a perfect patch is still wrong by (interpolation, depth, rolling surface); a floor of every covariance
+  double cauchy_scale = 0.3;  ///< px: a residual of this length has half the weight
+  double min_sigma =
+      0.1;  ///< px: what a perfect patch is still wrong by (interpolation, depth, rolling surface); a floor of every covariance
   int iterations = 50;
   int min_features = 6;           ///< fewer aligned features end in too_few_features
   double inlier_distance = 1.5;   ///< px of reprojection error; wide enough for a lens whose distortion nobody gave us
@@ -25,8 +26,8 @@ struct PoseOptions {
 /// What pose (and structure) refinement gives.
 struct PoseResult {
   SE3 T_10;
-  /// Of xi in T_10 Exp(xi), twist order [rho, phi]: Ceres's (J^T W J)^-1 times the variance of the residuals as the M-estimator sees it.
-  /// Zero unless converged.
+  /// Of xi in T_10 Exp(xi), twist order [rho, phi]: Ceres's (J^T W J)^-1 times the variance of the residuals as the M-estimator
+  /// sees it. Zero unless converged.
   Matrix6d covariance = Matrix6d::Zero();
   Status status = Status::diverged;  ///< converged, max_iterations, too_few_features, degenerate or diverged
   std::string reason;                ///< the status in words, with the numbers that decided it
@@ -44,10 +45,12 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE
 
 /// The pose that projects the features onto their aligned positions: Cauchy loss, Levenberg-Marquardt (Ceres),
 ///
-///   min_T sum_i rho(|W_i (project(T X_i) - uv1_i)|^2),   W_i = sigma_0 (covariance_i + sigma_0^2 I)^-1/2,   sigma_0 = min_sigma,
+///   min_T sum_i rho(|W_i (project(T X_i) - uv1_i)|^2),   W_i = sigma_0 (covariance_i + sigma_0^2 I)^-1/2,   sigma_0 =
+///   min_sigma,
 ///
 /// over the features whose status is aligned: a sharp patch counts its residual in px, a vague one less.
-/// Preconditions: `aligned` has one entry a feature, else Error(invalid_argument); a feature that is not finite or has no depth is not used.
+/// Preconditions: `aligned` has one entry a feature, else Error(invalid_argument); a feature that is not finite or has no depth
+/// is not used.
 PoseResult refine_pose(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10,
                        const PoseOptions& options = {});
 

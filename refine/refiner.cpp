@@ -45,7 +45,8 @@ bool is_visible(const View& view, size_t i, const SE3& T_10) {
          w.uv1.y() <= view.camera.height - 1 - margin;
 }
 
-/// How far each feature moves in image 1 from pose a to pose b, px; infinite where one of them puts it behind the camera. Sorted.
+/// How far each feature moves in image 1 from pose a to pose b, px; infinite where one of them puts it behind the camera.
+/// Sorted.
 std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
   std::vector<double> m;
   for (size_t i = 0; i < view.checks.size(); ++i) {
@@ -82,7 +83,8 @@ void decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
     r.reason = why.str();
   };
   if (candidates < options.min_inliers && r.inliers < options.min_inliers) {
-    why << candidates << " features with texture inside the target, " << options.min_inliers << " needed; " << summary(r.features);
+    why << candidates << " features with texture inside the target, " << options.min_inliers << " needed; "
+        << summary(r.features);
     return end(Status::too_few_features);
   }
   const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(options.min_inlier_share * candidates)));
@@ -207,7 +209,8 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
     r.covariance = poses[i].covariance;
     if (!options_.structure) continue;
     const Stopwatch structure_time;
-    StructureResult s = refine_structure(view(i).camera, view(i).features, r.features, r.T_10, {options_.pose, options_.relative_sigma});
+    StructureResult s =
+        refine_structure(view(i).camera, view(i).features, r.features, r.T_10, {options_.pose, options_.relative_sigma});
     Stage& structure_stage = stage(r, "structure");
     structure_stage.T_10 = s.pose.T_10;
     structure_stage.cost = s.pose.cost;

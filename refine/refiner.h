@@ -20,11 +20,11 @@ struct RefinerOptions {
   double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
 
   // What a converged result has to show.
-  int min_inliers = 8;             ///< features that were aligned and agree on the pose within PoseOptions::inlier_distance
-  /// Inliers over the features with texture whose patch the final pose puts inside image 1. On hololens_80 and tum_fr1_360_5 poses that
-  /// are more than 4 px wrong never pass 0.33 (464 tries), poses within 2.5 px stay above 0.35 in 96 % (253 tries).
+  int min_inliers = 8;  ///< features that were aligned and agree on the pose within PoseOptions::inlier_distance
+  /// Inliers over the features with texture whose patch the final pose puts inside image 1. On hololens_80 and tum_fr1_360_5
+  /// poses that are more than 4 px wrong never pass 0.33 (464 tries), poses within 2.5 px stay above 0.35 in 96 % (253 tries).
   double min_inlier_share = 0.35;
-  double max_correction = 16;      ///< px, median over the features: the most that the rounds may move the pose that ICLK found
+  double max_correction = 16;  ///< px, median over the features: the most that the rounds may move the pose that ICLK found
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
@@ -41,27 +41,28 @@ struct Stage {
 /// From ICLK to the refined pose, with every step on the way.
 struct RefinedAlignment {
   Alignment iclk;
-  SE3 T_10;                                   ///< the last trustworthy pose: camera 0 to camera 1
-  Matrix6d covariance = Matrix6d::Zero();     ///< of [rho, phi], T_10 = mean Exp(xi); zero unless converged or max_iterations
-  Status status = Status::diverged;           ///< of the whole way
-  std::string reason;                         ///< the status in words, with the numbers that decided it
-  std::vector<Stage> stages;                  ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
-  std::vector<AlignedFeature> features;       ///< one a feature of the reference, the last round's; empty if ICLK failed
-  std::vector<double> inverse_depth;          ///< one a feature: refined by structure, else as given
-  std::vector<double> inverse_depth_sigma;    ///< one a feature if structure ran, else empty
+  SE3 T_10;                                ///< the last trustworthy pose: camera 0 to camera 1
+  Matrix6d covariance = Matrix6d::Zero();  ///< of [rho, phi], T_10 = mean Exp(xi); zero unless converged or max_iterations
+  Status status = Status::diverged;        ///< of the whole way
+  std::string reason;                      ///< the status in words, with the numbers that decided it
+  std::vector<Stage> stages;  ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
+  std::vector<AlignedFeature> features;     ///< one a feature of the reference, the last round's; empty if ICLK failed
+  std::vector<double> inverse_depth;        ///< one a feature: refined by structure, else as given
+  std::vector<double> inverse_depth_sigma;  ///< one a feature if structure ran, else empty
   int rounds = 0;
-  int visible = 0, aligned = 0, inliers = 0;  ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
-  double sigma = 0;                           ///< px: robust standard deviation of the reprojection residuals
+  int visible = 0, aligned = 0,
+      inliers = 0;   ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
+  double sigma = 0;  ///< px: robust standard deviation of the reprojection residuals
 
   bool converged() const { return status == Status::converged; }
 };
 
-/// The whole way for pairs: aligner.align(), then rounds of feature alignment and pose, each warping the patches by the better pose,
-/// until the set of aligned features and the pose stand still. References are set on the aligner. In dense mode the reference carries
-/// features besides its inverse depth image: refinement works on them.
+/// The whole way for pairs: aligner.align(), then rounds of feature alignment and pose, each warping the patches by the better
+/// pose, until the set of aligned features and the pose stand still. References are set on the aligner. In dense mode the
+/// reference carries features besides its inverse depth image: refinement works on them.
 ///
-/// The status is converged only on evidence: ICLK ended in converged or max_iterations; enough features were found, and a share of those
-/// visible; they agree on one pose; that pose lies within what feature alignment can correct. One thread at a time.
+/// The status is converged only on evidence: ICLK ended in converged or max_iterations; enough features were found, and a share
+/// of those visible; they agree on one pose; that pose lies within what feature alignment can correct. One thread at a time.
 class Refiner {
  public:
   /// `aligner` must outlive the refiner. Throws Error(invalid_argument) for bad options.

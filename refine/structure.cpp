@@ -38,8 +38,8 @@ std::vector<double> prior_sigmas(const Features& features, double relative_sigma
 
 /// Standard deviation, px, of the positions across their epipolar lines, where no depth error shows: 1.4826 times the median of
 /// |residual|, scaled up for the six parameters that the same residuals determined.
-double across_epipolar_sigma(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10,
-                             const PoseOptions& options) {
+double across_epipolar_sigma(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                             const SE3& T_10, const PoseOptions& options) {
   std::vector<double> across;
   for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, options.min_sigma)) {
     const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
@@ -73,7 +73,8 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   if (result.pose.status != Status::converged && result.pose.status != Status::max_iterations) return result;
 
   // How wrong the positions are decides what the priors weigh, so it is measured first; the floor holds for exact data.
-  const double sigma_0 = std::max(options.pose.min_sigma, across_epipolar_sigma(camera, features, aligned, result.pose.T_10, options.pose));
+  const double sigma_0 =
+      std::max(options.pose.min_sigma, across_epipolar_sigma(camera, features, aligned, result.pose.T_10, options.pose));
   std::vector<internal::Observation> used = internal::observations(camera, features, aligned, result.pose.T_10, sigma_0);
   internal::PoseBlock pose = internal::to_block(result.pose.T_10);
   ceres::Problem problem;
@@ -142,7 +143,8 @@ StructureResult refine_structure(const Camera& camera, const Features& features,
   for (size_t i = 0; i < result.inverse_depth.size(); ++i) {
     // What was not refined comes back to the bit, NaN included.
     const bool refined = result.inverse_depth[i] != features.inverse_depth[i] / unit;
-    result.inverse_depth[i] = refined && std::isfinite(result.inverse_depth[i]) ? result.inverse_depth[i] * unit : features.inverse_depth[i];
+    result.inverse_depth[i] =
+        refined && std::isfinite(result.inverse_depth[i]) ? result.inverse_depth[i] * unit : features.inverse_depth[i];
     result.inverse_depth_sigma[i] *= unit;
   }
   return result;

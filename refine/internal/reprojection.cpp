@@ -170,7 +170,8 @@ double variance_factor(std::span<const double> norms, double scale, int paramete
   std::vector<double> sorted(norms.begin(), norms.end());
   const auto middle = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
   std::nth_element(sorted.begin(), middle, sorted.end());
-  const double median = *middle * *middle / (2 * std::log(2.0)) * 2 * n / freedom;  // |r|^2 of a 2D Gaussian has the median 2 ln 2 sigma^2
+  const double median =
+      *middle * *middle / (2 * std::log(2.0)) * 2 * n / freedom;  // |r|^2 of a 2D Gaussian has the median 2 ln 2 sigma^2
   return std::max(huber, std::isfinite(median) ? median : 0.0);
 }
 
@@ -179,7 +180,7 @@ ceres::Solver::Options solver_options(int iterations) {
   o.minimizer_type = ceres::TRUST_REGION;
   o.trust_region_strategy_type = ceres::LEVENBERG_MARQUARDT;
   o.max_num_iterations = iterations;
-  o.num_threads = 1;                 // the caller's threads are the caller's
+  o.num_threads = 1;  // the caller's threads are the caller's
   o.logging_type = ceres::SILENT;
   o.minimizer_progress_to_stdout = false;
   o.function_tolerance = 1e-8;

@@ -2,8 +2,8 @@
 #include <span>
 #include <vector>
 
-#include <Eigen/Core>
 #include <ceres/ceres.h>
+#include <Eigen/Core>
 
 #include <iclk/align/camera.h>
 #include <iclk/align/features.h>
@@ -44,8 +44,8 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 12, 1> {
 /// sigma_0 (covariance + sigma_0^2 I)^-1/2, symmetric.
 Eigen::Matrix2d whitening(const Eigen::Matrix2d& covariance, double sigma_0);
 
-/// Mean inverse depth of the features that have one: with lengths times that, tolerances and conditioning are the same for scenes in
-/// millimetres and in kilometres. 1 where there is none.
+/// Mean inverse depth of the features that have one: with lengths times that, tolerances and conditioning are the same for
+/// scenes in millimetres and in kilometres. 1 where there is none.
 double unit_of(const Features& features);
 Features in_unit(const Features& features, double unit);
 SE3 in_unit(const SE3& T_10, double unit);
@@ -71,9 +71,9 @@ double cauchy_cost(std::span<const double> norms, double scale);
 
 /// What the M-estimator makes of residuals that do not all come from one Gaussian: with psi(r) = w r,
 ///   covariance = factor (J^T W J)^-1,   factor = [sum |psi|^2 / (2 n - p)] mean(w) / mean(w^2)^2
-/// (Huber 1981, 7.6; mean psi' of the Cauchy loss in two dimensions is the mean of w^2). Never less than the variance that the median
-/// of |r| stands for: where residuals are wider than the loss, the estimate seeks a mode and the formula is far too sure of it
-/// (residuals of 1 px, loss of 0.3 px, 50 features: normalised error 4.6 without, 0.5 with).
+/// (Huber 1981, 7.6; mean psi' of the Cauchy loss in two dimensions is the mean of w^2). Never less than the variance that the
+/// median of |r| stands for: where residuals are wider than the loss, the estimate seeks a mode and the formula is far too sure
+/// of it (residuals of 1 px, loss of 0.3 px, 50 features: normalised error 4.6 without, 0.5 with).
 double variance_factor(std::span<const double> norms, double scale, int parameters);
 
 ceres::Solver::Options solver_options(int iterations);

@@ -19,8 +19,8 @@ inline Scene wide_scene() {
 }
 
 /// Features as feature alignment would bring them: the truth with Gaussian noise (px), a share moved by up to 4 px each way.
-inline std::vector<AlignedFeature> correspondences(const Scene& scene, const Features& features, double sigma, std::mt19937& random,
-                                                   double outliers = 0) {
+inline std::vector<AlignedFeature> correspondences(const Scene& scene, const Features& features, double sigma,
+                                                   std::mt19937& random, double outliers = 0) {
   std::normal_distribution<double> normal(0, 1);
   std::uniform_real_distribution<double> uniform(0, 1);
   std::vector<AlignedFeature> aligned(features.uv.size());

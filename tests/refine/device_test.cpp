@@ -55,7 +55,8 @@ struct Both {
     reference.image = I0.view();
     reference.camera = scenes[0].camera;
     reference.features = features;
-    for (Aligner* aligner : {static_cast<Aligner*>(cpu.get()), static_cast<Aligner*>(device.get())}) aligner->set_reference(1, reference);
+    for (Aligner* aligner : {static_cast<Aligner*>(cpu.get()), static_cast<Aligner*>(device.get())})
+      aligner->set_reference(1, reference);
     for (const Scene& scene : scenes) targets.push_back(test::render(scene, 1, 1));
     align();
   }
@@ -172,7 +173,8 @@ TEST(RefineDevice, MoreTasksThanTheBuffersHold) {
     for (size_t k = 0; k < one.size(); ++k) EXPECT_EQ(all[i][k].uv1, one[k].uv1);
   }
   EXPECT_TRUE(aligner->align({}).empty());
-  for (const FeatureAlignmentTask& task : {FeatureAlignmentTask{-1, 0, {}}, FeatureAlignmentTask{2, 0, {}}, FeatureAlignmentTask{1, 1, {}}})
+  for (const FeatureAlignmentTask& task :
+       {FeatureAlignmentTask{-1, 0, {}}, FeatureAlignmentTask{2, 0, {}}, FeatureAlignmentTask{1, 1, {}}})
     EXPECT_THROW(aligner->align(std::span(&task, 1)), Error);
 }
 

@@ -1,11 +1,11 @@
 #include <cmath>
 #include <limits>
 
-#include <Eigen/LU>
 #include <gtest/gtest.h>
 #include <iclk/align/pyramid.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/feature_alignment.h>
+#include <Eigen/LU>
 
 #include "../support/synthetic.h"
 
@@ -36,7 +36,8 @@ struct Errors {
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
 };
 
-Errors errors(const Scene& scene, const Pyramids& p, const Features& f, const SE3& guess, const FeatureAlignmentOptions& options = {}) {
+Errors errors(const Scene& scene, const Pyramids& p, const Features& f, const SE3& guess,
+              const FeatureAlignmentOptions& options = {}) {
   Errors e;
   for (int i = 0; i < f.size(); ++i) {
     const AlignedFeature a = align_feature(p.f0, p.f1, scene.camera, f.uv[i], f.inverse_depth[i], guess, options);
@@ -71,7 +72,7 @@ TEST(FeatureAlignment, FindsRotatedPatchesUnderGainAndBias) {
   const Features f = test::random_features(scene, 200, 5);
   const Errors e = errors(scene, p, f, off_by(scene, 0.8, -0.6));
   EXPECT_GE(e.aligned, 195);
-  EXPECT_LT(e.rms, 0.03);      // what bilinear interpolation leaves on this texture
+  EXPECT_LT(e.rms, 0.03);  // what bilinear interpolation leaves on this texture
   EXPECT_LT(e.largest, 0.12);
   EXPECT_LT(e.mean.norm(), 0.005);  // no bias: conventions of patch centre and pixel centre agree
   for (int i = 0; i < f.size(); ++i) {
@@ -107,7 +108,8 @@ TEST(FeatureAlignment, CameraWithNegativeFocalLength) {
 }
 
 TEST(FeatureAlignment, CovarianceIsThatOfTheErrors) {
-  // Noise of 0.01 is far above what interpolation does; the mean over noise and features of e^T C^-1 e / 2 is 1 for a perfect C.
+  // Noise of 0.01 is far above what interpolation does; the mean over noise and features of e^T C^-1 e / 2 is 1 for a perfect
+  // C.
   Scene scene;
   scene.T_10 = motion();
   scene.noise = 0.01;
@@ -185,8 +187,8 @@ TEST(FeatureAlignment, WarpDerivativeAgreesWithFiniteDifferences) {
   ASSERT_TRUE(w.valid);
   for (int k = 0; k < 2; ++k) {
     const Eigen::Vector2d d = h * Eigen::Vector2d::Unit(k);
-    const Eigen::Vector2d numeric = (warp_patch(scene.camera, uv0 + d, q, scene.T_10).uv1 -
-                                     warp_patch(scene.camera, uv0 - d, q, scene.T_10).uv1) / (2 * h);
+    const Eigen::Vector2d numeric =
+        (warp_patch(scene.camera, uv0 + d, q, scene.T_10).uv1 - warp_patch(scene.camera, uv0 - d, q, scene.T_10).uv1) / (2 * h);
     EXPECT_LT((w.A.col(k) - numeric).norm(), 1e-7);
   }
 }
@@ -197,7 +199,8 @@ TEST(FeatureAlignment, NamesWhyAFeatureWasNotAligned) {
   const Pyramids p(scene);
   const Eigen::Vector2d uv0(90.4, 60.2);
   const double q = 1 / scene.depth(uv0);
-  const auto status = [&](const Pyramid& f0, const Pyramid& f1, const Eigen::Vector2d& uv, const SE3& T, const FeatureAlignmentOptions& o = {}) {
+  const auto status = [&](const Pyramid& f0, const Pyramid& f1, const Eigen::Vector2d& uv, const SE3& T,
+                          const FeatureAlignmentOptions& o = {}) {
     return align_feature(f0, f1, scene.camera, uv, q, T, o).status;
   };
   ASSERT_EQ(status(p.f0, p.f1, uv0, scene.T_10), FeatureStatus::aligned);

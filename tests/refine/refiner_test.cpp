@@ -32,7 +32,9 @@ Scene small_scene() {
 class Overconfident final : public Aligner {
  public:
   explicit Overconfident(CpuAligner& aligner, const SE3& pose) : aligner_(aligner), pose_(pose) {}
-  std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override { return aligner_.set_reference(slot, reference); }
+  std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override {
+    return aligner_.set_reference(slot, reference);
+  }
   std::vector<Alignment> align(std::span<const Pair> pairs) override {
     std::vector<Alignment> results = aligner_.align(pairs);
     for (Alignment& r : results) {
@@ -127,7 +129,8 @@ TEST_F(Refine, ConvergesCloserThanIclk) {
 }
 
 TEST_F(Refine, RoundsBringAFarStartHome) {
-  // Rolled by 0.04: only features near the axis are within the 3 px that a round can correct; the pose from them warps the others.
+  // Rolled by 0.04: only features near the axis are within the 3 px that a round can correct; the pose from them warps the
+  // others.
   Vector6d roll = Vector6d::Zero();
   roll[5] = 0.04;
   const SE3 start = scene.T_10 * SE3::exp(roll);
@@ -251,7 +254,8 @@ TEST_F(Refine, BadOptionsAndForeignAlignersAreRefused) {
   Overconfident foreign(*aligner, scene.T_10);
   EXPECT_THROW(Refiner{foreign}, Error);
   const auto feature_aligner = make_feature_aligner(*aligner);
-  for (const FeatureAlignmentTask& task : {FeatureAlignmentTask{-1, 0, {}}, FeatureAlignmentTask{1, 0, {}}, FeatureAlignmentTask{0, 2, {}}})
+  for (const FeatureAlignmentTask& task :
+       {FeatureAlignmentTask{-1, 0, {}}, FeatureAlignmentTask{1, 0, {}}, FeatureAlignmentTask{0, 2, {}}})
     EXPECT_THROW(feature_aligner->align(std::span(&task, 1)), Error);
 }
 

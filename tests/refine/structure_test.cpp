@@ -2,10 +2,10 @@
 #include <limits>
 #include <random>
 
-#include <Eigen/Cholesky>
 #include <gtest/gtest.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/structure.h>
+#include <Eigen/Cholesky>
 
 #include "correspondences.h"
 
@@ -49,7 +49,7 @@ TEST(Structure, WrongDepthsAreMendedAndTheCovarianceIsHonest) {
   ASSERT_GT(runs, 55);
   RecordProperty("nees", std::to_string(nees / runs));
   RecordProperty("q_nees", std::to_string(q_nees / runs));
-  EXPECT_LT(q_after, 0.25 * q_before);        // variance
+  EXPECT_LT(q_after, 0.25 * q_before);  // variance
   EXPECT_LT(pose_after, 0.25 * pose_before);
   EXPECT_GT(nees / runs, 0.6);
   EXPECT_LT(nees / runs, 1.3);

@@ -14,19 +14,20 @@
 
 namespace iclk::test {
 
-/// A smooth textured slanted plane n.X = d of camera 0, seen by two cameras: the texture is analytic, so both images are exact and
-/// any error is the method's. The C++ sister of the executable specification's synthetic_pair().
+/// A smooth textured slanted plane n.X = d of camera 0, seen by two cameras: the texture is analytic, so both images are exact
+/// and any error is the method's. The C++ sister of the executable specification's synthetic_pair().
 struct Scene {
   Camera camera{112.8, 112.8, 93.5, 59.5, 188, 120};
-  SE3 T_10;                                     ///< camera 1: X1 = T_10 X0
+  SE3 T_10;  ///< camera 1: X1 = T_10 X0
   Eigen::Vector3d normal{0.15, -0.1, 1.0};
   double distance = 80;
-  /// Finest wavelength of the texture, px at the image centre. Below about 4 px, sampling on pixels is itself the largest error.
+  /// Finest wavelength of the texture, px at the image centre. Below about 4 px, sampling on pixels is itself the largest
+  /// error.
   double shortest = 8;
-  int waves = 24;                               ///< log-spaced up to 32 times the shortest
-  double contrast = 0.055;                      ///< amplitude of one wave
-  double gain = 1, bias = 0;                    ///< I1 = gain I0 + bias
-  double noise = 0;                             ///< standard deviation of what is added to every pixel of both images
+  int waves = 24;             ///< log-spaced up to 32 times the shortest
+  double contrast = 0.055;    ///< amplitude of one wave
+  double gain = 1, bias = 0;  ///< I1 = gain I0 + bias
+  double noise = 0;           ///< standard deviation of what is added to every pixel of both images
   uint32_t seed = 1;
 
   /// z of camera 0 along the ray of uv.
@@ -92,7 +93,8 @@ inline Picture render(const Scene& scene, int which, uint32_t noise_seed = 0) {
 /// n features at sub-pixel places at least `border` px inside image 0, with exact inverse depths.
 inline Features random_features(const Scene& scene, int n, uint32_t seed, double border = 17) {
   std::mt19937 random(seed);
-  std::uniform_real_distribution<double> u(border, scene.camera.width - 1 - border), v(border, scene.camera.height - 1 - border);
+  std::uniform_real_distribution<double> u(border, scene.camera.width - 1 - border),
+      v(border, scene.camera.height - 1 - border);
   Features features;
   for (int i = 0; i < n; ++i) {
     const double a = u(random), b = v(random);
