@@ -20,14 +20,25 @@ struct PeerOptions {
   void check() const;
 };
 
+/// One method on one pair.
+struct PeerSample {
+  int frame_0 = 0, frame_1 = 0;  ///< of the sequence, from 0
+  bool claimed = false;          ///< PeerAnswer::claimed
+  bool supported = false;        ///< a claimed pose of another family lies within 1 px of this one, at the features
+  double e_pixel = 0, e_transl = 0, e_rot = 0;  ///< infinite without a pose
+  double ms = 0;
+};
+
 /// One method over the pairs of one sequence. A method without a pose counts as infinitely wrong.
 struct PeerRow {
   std::string method;
   int within_1px = 0, within_3px = 0;  ///< mean reprojection error at the features against the truth
   int claimed = 0;                     ///< the method says that it succeeded
-  int claimed_wrong = 0;               ///< of these, more than 3 px off
+  int claimed_wrong = 0;               ///< of these, more than 3 px off the truth
+  int claimed_alone = 0;               ///< of these again, without support: where others agree, the truth is in doubt
   double e_pixel = 0, e_transl = 0, e_rot = 0;  ///< medians over all pairs: px, m, rad
   double ms = 0;                       ///< median of a pair, images in memory; features of iclk and KLT are given, SIFT finds its own
+  std::vector<PeerSample> samples;
 };
 
 struct PeerBlock {

@@ -45,7 +45,7 @@ PeerAnswer solve_pnp(const Correspondences& c, const Camera& camera) {
 
 class Iclk final : public PeerMethod {
  public:
-  Iclk(const IclkSettings& settings, bool refine) : PeerMethod(refine ? "iclk + refine" : "iclk"), settings_(settings), refine_(refine) {}
+  Iclk(const IclkSettings& settings, bool refine) : PeerMethod("iclk", refine ? "iclk + refine" : "iclk"), settings_(settings), refine_(refine) {}
 
   PeerAnswer run(const PeerPair& pair) override {
     prepare(pair);
@@ -82,7 +82,7 @@ class Iclk final : public PeerMethod {
 class RgbdOdometry final : public PeerMethod {
  public:
   explicit RgbdOdometry(int threads)
-      : PeerMethod(threads == 0 ? "RgbdOdometry" : "RgbdOdometry, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads")),
+      : PeerMethod("RgbdOdometry", threads == 0 ? "RgbdOdometry" : "RgbdOdometry, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads")),
         threads_(threads),
         odometry_(cv::rgbd::RgbdOdometry::create()) {}
 
@@ -114,7 +114,7 @@ class RgbdOdometry final : public PeerMethod {
 
 class KltPnp final : public PeerMethod {
  public:
-  KltPnp() : PeerMethod("KLT + PnP") {}
+  KltPnp() : PeerMethod("KLT", "KLT + PnP") {}
 
   PeerAnswer run(const PeerPair& pair) override {
     std::vector<cv::Point2f> uv0, uv1;
@@ -131,7 +131,7 @@ class KltPnp final : public PeerMethod {
 
 class SiftPnp final : public PeerMethod {
  public:
-  SiftPnp() : PeerMethod("SIFT + PnP"), sift_(cv::SIFT::create()), matcher_(cv::NORM_L2) {}
+  SiftPnp() : PeerMethod("SIFT", "SIFT + PnP"), sift_(cv::SIFT::create()), matcher_(cv::NORM_L2) {}
 
   PeerAnswer run(const PeerPair& pair) override {
     std::vector<cv::KeyPoint> keypoints_0, keypoints_1;

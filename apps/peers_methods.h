@@ -30,13 +30,15 @@ struct PeerAnswer {
 /// A way to find T_10. What is kept between calls (devices, memory, detectors) is made before the first.
 class PeerMethod {
  public:
-  explicit PeerMethod(std::string name) : name_(std::move(name)) {}
+  /// Methods of one `family` are no witnesses for each other.
+  PeerMethod(std::string family, std::string name) : family_(std::move(family)), name_(std::move(name)) {}
   virtual ~PeerMethod() = default;
   virtual PeerAnswer run(const PeerPair& pair) = 0;
+  const std::string& family() const { return family_; }
   const std::string& name() const { return name_; }
 
  private:
-  std::string name_;
+  std::string family_, name_;
 };
 
 /// iclk as `iclk align` runs it, one pair at a time; claimed: Status::converged.
