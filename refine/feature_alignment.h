@@ -53,7 +53,7 @@ struct FeatureAlignmentOptions {
   int iterations = 15;           ///< at most, a level
   double step_tolerance = 0.01;  ///< px: a smaller step ends a level; a level whose last step is larger has diverged
   /// px of level 0 from the projected to the aligned position. On hololens_80, poses 7 px off come back in 18 of 20 pairs with
-  /// 8 px, in 6 with 4 px, and no wrong pose more is taken for right.
+  /// 8 px, in 6 with 4 px.
   double max_motion = 8;
   double min_correlation = 0.85;
   /// Smaller eigenvalue of the patch's 2x2 gradient matrix with gain and bias projected out, per pixel: (grey / px)^2, grey in
