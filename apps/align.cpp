@@ -44,8 +44,8 @@ void run_align(const AlignOptions& options, int& exit) {
   pair.T_10 = start;
   pair.truth = truth;
   if (options.files.features.empty() && pair.features.size() < options.load.features.count)
-    spdlog::warn("found {} features, not {}: they need depth, texture and {} px to the border", pair.features.size(), options.load.features.count,
-                 options.load.features.border);
+    spdlog::warn("found {} features, not {}: they need depth, texture and {} px to the border", pair.features.size(),
+                 options.load.features.count, options.load.features.border);
   Session session(session_options);
   report_device(session);
   const RefinedAlignment result = session.run(pair);
@@ -64,19 +64,34 @@ void run_align(const AlignOptions& options, int& exit) {
 }  // namespace
 
 void add_align(CLI::App& app, int& exit) {
-  CLI::App* command = app.add_subcommand("align", "Align a target image with a reference image whose depth is known, at least at some pixels");
+  CLI::App* command =
+      app.add_subcommand("align", "Align a target image with a reference image whose depth is known, at least at some pixels");
   auto options = std::make_shared<AlignOptions>();
-  command->add_option("REF", options->files.reference, "Reference image I0: grey or colour, 8 or 16 bit or float")->required();
-  command->add_option("TARGET", options->files.target, "Target image I1, of the same size and camera")->required();
-  command->add_option("--depth", options->files.depth, "Depth of REF, registered to it: 16-bit PNG with --depth-scale, or 32-bit TIFF or EXR in metres; "
-                                                       "0, negative, NaN and infinite mean none");
-  command->add_option("--features", options->files.features, "Features of REF in a CSV file with the header u,v,depth or u,v,inverse_depth "
-                                                             "(optionally sigma, its standard deviation)");
+  command->add_option("REF", options->files.reference, "Reference image I0: grey or colour, 8 or 16 bit or float")
+      ->required()
+      ->type_name("FILE");
+  command->add_option("TARGET", options->files.target, "Target image I1, of the same size and camera")
+      ->required()
+      ->type_name("FILE");
+  command->option_defaults()->group("Input");
+  command
+      ->add_option("--depth", options->files.depth,
+                   "Depth of REF, registered to it: 16-bit PNG with --depth-scale, or 32-bit TIFF or EXR in metres; "
+                   "0, negative, NaN and infinite mean none")
+      ->type_name("FILE");
+  command
+      ->add_option("--features", options->files.features,
+                   "Features of REF in a CSV file with the header u,v,depth or u,v,inverse_depth "
+                   "(optionally sigma, its standard deviation)")
+      ->type_name("FILE");
   options->load.add_to(*command, true);
-  command->add_option("--initial-pose", options->initial_pose, "First guess of T_10; default: no motion");
-  command->add_option("--truth", options->truth, "True T_10: adds the error after every stage");
+  command->add_option("--initial-pose", options->initial_pose, "First guess of T_10; default: no motion")->type_name("POSE");
+  command->add_option("--truth", options->truth, "True T_10: adds the error after every stage")->type_name("POSE");
+  command->option_defaults()->group("Alignment");
   options->run.add_to(*command);
-  command->add_option("--out", options->out, "Folder for result.json, features.png, overlay.png and residual.png");
+  command->option_defaults()->group("Output");
+  command->add_option("--out", options->out, "Folder for result.json, features.png, overlay.png and residual.png")
+      ->type_name("DIR");
   command->add_flag("--json", options->json, "The result as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the time went, on standard error");
   command->footer(std::string(kFooter) + kExitCodesHelp);

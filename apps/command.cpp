@@ -8,7 +8,8 @@ namespace iclk {
 
 const char* const kExitCodesHelp =
     "Exit codes: 0 converged (or done); 10 max_iterations, 11 low_overlap, 12 degenerate, 13 too_few_features, 14 diverged;\n"
-    "2 wrong usage, 3 bad input, 4 a file cannot be read or written, 5 no Vulkan driver or no such device, 6 the device failed,\n"
+    "2 wrong usage, 3 bad input, 4 a file cannot be read or written, 5 no Vulkan driver or no such device, 6 the device "
+    "failed,\n"
     "1 a defect of iclk.";
 
 int exit_code(Status status) {
@@ -35,6 +36,27 @@ int exit_code(ErrorCode code) {
     case ErrorCode::vulkan: return kDeviceFailed;
   }
   return kInternalError;
+}
+
+namespace {
+constexpr size_t kHelpWidth = 112, kHelpIndent = 28;
+}
+
+HelpFormatter::HelpFormatter() { column_width(kHelpIndent); }
+
+std::string HelpFormatter::make_option_desc(const CLI::Option* option) const {
+  std::string out;
+  size_t column = 0;
+  for (const std::string& word : CLI::detail::split(CLI::Formatter::make_option_desc(option), ' ')) {
+    if (column > 0 && column + 1 + word.size() > kHelpWidth - kHelpIndent) {
+      out += '\n';
+      column = 0;
+    }
+    if (column > 0) out += ' ', ++column;
+    out += word;
+    column += word.size();
+  }
+  return out;
 }
 
 void print(std::string_view text) {

@@ -29,6 +29,13 @@ int exit_code(Status status);
 int exit_code(ErrorCode code);
 extern const char* const kExitCodesHelp;
 
+/// Help whose descriptions are wrapped to the terminal's usual width.
+class HelpFormatter : public CLI::Formatter {
+ public:
+  HelpFormatter();
+  std::string make_option_desc(const CLI::Option* option) const override;
+};
+
 /// Writes to standard output and makes sure that it arrived. Throws Error(io).
 void print(std::string_view text);
 

@@ -14,11 +14,13 @@
 namespace iclk {
 namespace {
 
-constexpr double kMaxDepthSpread = 0.05;  // of the patch's depth; a floor seen at 70 degrees spreads by 4 % over 8 px at f = 500
-// Smaller eigenvalue of the mean gradient matrix, (grey / px)^2, grey in [0, 1]: texture well above the noise of an 8-bit camera.
+constexpr double kMaxDepthSpread =
+    0.05;  // of the patch's depth; a floor seen at 70 degrees spreads by 4 % over 8 px at f = 500
+// Smaller eigenvalue of the mean gradient matrix, (grey / px)^2, grey in [0, 1]: texture well above the noise of an 8-bit
+// camera.
 constexpr double kTexture = 1e-4;
-constexpr double kResponse = 4;           // what cv::cornerMinEigenVal gives for a texture of 1, block 7, Sobel 3
-constexpr int kMinDistance = 8;           // px: a patch
+constexpr double kResponse = 4;  // what cv::cornerMinEigenVal gives for a texture of 1, block 7, Sobel 3
+constexpr int kMinDistance = 8;  // px: a patch
 
 /// 255 at pixels that may carry a feature.
 struct Candidates {
@@ -69,10 +71,13 @@ std::vector<cv::Rect> cells(const cv::Size& size, int count, int border) {
   if (width <= 0 || height <= 0) return out;
   const int rows = std::clamp(static_cast<int>(std::lround(std::sqrt(static_cast<double>(count) * height / width))), 1, count);
   for (int r = 0; r < rows; ++r) {
-    const int columns = static_cast<int>((static_cast<int64_t>(count) * (r + 1)) / rows - (static_cast<int64_t>(count) * r) / rows);
-    const int y0 = static_cast<int>(static_cast<int64_t>(height) * r / rows), y1 = static_cast<int>(static_cast<int64_t>(height) * (r + 1) / rows);
+    const int columns =
+        static_cast<int>((static_cast<int64_t>(count) * (r + 1)) / rows - (static_cast<int64_t>(count) * r) / rows);
+    const int y0 = static_cast<int>(static_cast<int64_t>(height) * r / rows),
+              y1 = static_cast<int>(static_cast<int64_t>(height) * (r + 1) / rows);
     for (int c = 0; c < columns; ++c) {
-      const int x0 = static_cast<int>(static_cast<int64_t>(width) * c / columns), x1 = static_cast<int>(static_cast<int64_t>(width) * (c + 1) / columns);
+      const int x0 = static_cast<int>(static_cast<int64_t>(width) * c / columns),
+                x1 = static_cast<int>(static_cast<int64_t>(width) * (c + 1) / columns);
       if (x1 > x0 && y1 > y0) out.emplace_back(border + x0, border + y0, x1 - x0, y1 - y0);
     }
   }
@@ -178,7 +183,8 @@ Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::M
   options.check();
   if (depth.size() != image.size() || depth.type() != CV_32FC1 || (!seen.empty() && seen.size() != image.size()))
     throw Error(ErrorCode::invalid_argument, "depth of " + std::to_string(depth.cols) + "x" + std::to_string(depth.rows) +
-                                                 " for an image of " + std::to_string(image.cols) + "x" + std::to_string(image.rows));
+                                                 " for an image of " + std::to_string(image.cols) + "x" +
+                                                 std::to_string(image.rows));
   const Candidates candidates = find_candidates(depth, seen, options.border);
   Picker picker(depth);
   switch (options.detector) {

@@ -30,10 +30,11 @@ Detector parse_detector(const std::string& name);
 /// At most `count` features of the reference image, at whole pixels with depth. The same input gives the same features.
 ///
 /// Places whose 8x8 patch has depth throughout and within 5 % come first: at a depth edge one depth cannot hold for the patch.
-/// Where these do not suffice, any pixel with depth and a border around it serves; where there is none, the result is short or empty.
+/// Where these do not suffice, any pixel with depth and a border around it serves; where there is none, the result is short or
+/// empty.
 ///
-/// `image`: as load_image gives it. `depth`: CV_32FC1 metres of the same size, 0 = none. `seen`: CV_8UC1, 0 = not really seen (border of an
-/// undistorted image), or empty. Throws Error(invalid_argument) for sizes that differ.
+/// `image`: as load_image gives it. `depth`: CV_32FC1 metres of the same size, 0 = none. `seen`: CV_8UC1, 0 = not really seen
+/// (border of an undistorted image), or empty. Throws Error(invalid_argument) for sizes that differ.
 Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::Mat& seen, const DetectorOptions& options);
 
 /// Grey 8-bit version of an image of load_image, stretched to its range if it is not 8-bit: for detectors and pictures.

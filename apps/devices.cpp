@@ -43,8 +43,9 @@ void add_devices(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand("devices", "List the Vulkan devices of this machine");
   auto json = std::make_shared<bool>(false);
   command->add_flag("--json", *json, "A JSON list on standard output, and nothing else");
-  command->footer("The index, a part of the name or the UUID is what --device and ICLK_DEVICE take.\n"
-                  "Without them the first usable one of discrete, integrated, virtual, CPU is chosen.");
+  command->footer(
+      "The index, a part of the name or the UUID is what --device and ICLK_DEVICE take.\n"
+      "Without them the first usable one of discrete, integrated, virtual, CPU is chosen.");
   command->callback([json, &exit] {
     const std::vector<engine::DeviceInfo> devices = engine::list_devices();
     print(*json ? to_json(devices) : to_table(devices));

@@ -20,7 +20,8 @@ PoseError pose_error(const Camera& camera, const Features& features, const SE3& 
   int count = 0;
   for (int i = 0; i < features.size(); ++i) {
     Eigen::Vector2d estimated, truth;
-    if (!project_feature(camera, features, i, T_10, estimated) || !project_feature(camera, features, i, T_10_true, truth)) continue;
+    if (!project_feature(camera, features, i, T_10, estimated) || !project_feature(camera, features, i, T_10_true, truth))
+      continue;
     sum += (estimated - truth).norm();
     ++count;
   }
@@ -31,7 +32,8 @@ PoseError pose_error(const Camera& camera, const Features& features, const SE3& 
   return error;
 }
 
-double aligned_error(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10_true) {
+double aligned_error(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                     const SE3& T_10_true) {
   double sum = 0;
   int count = 0;
   for (int i = 0; i < features.size() && i < static_cast<int>(aligned.size()); ++i) {

@@ -19,7 +19,8 @@ struct PoseError {
 PoseError pose_error(const Camera& camera, const Features& features, const SE3& T_10, const SE3& T_10_true);
 
 /// The same for aligned features: e_pixel is the mean distance of aligned positions from the true projections.
-double aligned_error(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10_true);
+double aligned_error(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                     const SE3& T_10_true);
 
 /// Where feature i lies in image 1; false if it has no depth or comes to lie behind camera 1.
 bool project_feature(const Camera& camera, const Features& features, int i, const SE3& T_10, Eigen::Vector2d& uv1);

@@ -18,8 +18,8 @@ std::string size_of(const cv::Mat& image) { return std::to_string(image.cols) + 
 
 void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& reference, const std::string& reference_path) {
   if (image.size() == reference.size()) return;
-  throw Error(ErrorCode::invalid_argument, path + " is " + size_of(image) + " but " + reference_path + " is " + size_of(reference) +
-                                               ": they must have one size");
+  throw Error(ErrorCode::invalid_argument, path + " is " + size_of(image) + " but " + reference_path + " is " +
+                                               size_of(reference) + ": they must have one size");
 }
 
 }  // namespace
@@ -42,7 +42,8 @@ std::shared_ptr<const Undistorter> PairLoader::undistorter(const Camera& camera)
 PairInput PairLoader::load(const PairFiles& files) const {
   const auto start = std::chrono::steady_clock::now();
   if (files.depth.empty() && files.features.empty())
-    throw Error(ErrorCode::invalid_argument, files.reference + ": a depth image (--depth) or a feature file (--features) is needed");
+    throw Error(ErrorCode::invalid_argument,
+                files.reference + ": a depth image (--depth) or a feature file (--features) is needed");
   PairInput pair;
   pair.name_0 = files.reference;
   pair.name_1 = files.target;

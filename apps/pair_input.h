@@ -37,8 +37,8 @@ struct PairInput {
   cv::Mat depth_0;             ///< CV_32FC1 metres, 0 = none; empty: only the features have depth
   Camera camera;
   Features features;
-  SE3 T_10;                    ///< first guess
-  std::optional<SE3> truth;    ///< T_10
+  SE3 T_10;                  ///< first guess
+  std::optional<SE3> truth;  ///< T_10
   double load_ms = 0, detect_ms = 0;
 };
 

@@ -109,7 +109,8 @@ cv::Mat overlay_panel(const View& view, const cv::Mat& grey_0) {
 /// Blue where the target is darker, red where it is brighter, white where they agree.
 cv::Vec3b signed_colour(double x) {
   const double t = std::clamp(x, -1.0, 1.0), fade = 1 - std::pow(std::abs(t), 0.7);
-  const cv::Vec3d hot(30, 30, 190), cold(190, 80, 20), end = t > 0 ? hot : cold, mixed = (1 - fade) * end + fade * cv::Vec3d(250, 250, 250);
+  const cv::Vec3d hot(30, 30, 190), cold(190, 80, 20), end = t > 0 ? hot : cold,
+                                                       mixed = (1 - fade) * end + fade * cv::Vec3d(250, 250, 250);
   return {cv::saturate_cast<uchar>(mixed[0]), cv::saturate_cast<uchar>(mixed[1]), cv::saturate_cast<uchar>(mixed[2])};
 }
 
@@ -122,7 +123,8 @@ cv::Mat residual_panel(const View& view, const cv::Mat& grey_0, double range) {
   return out;
 }
 
-cv::Mat side_by_side(const cv::Mat& before, const cv::Mat& after, const std::string& title_0, const std::string& title_1, int legend_height) {
+cv::Mat side_by_side(const cv::Mat& before, const cv::Mat& after, const std::string& title_0, const std::string& title_1,
+                     int legend_height) {
   const cv::Mat gap(before.rows + 34 + legend_height, 8, CV_8UC3, kPaper);
   cv::Mat out;
   cv::hconcat(std::vector<cv::Mat>{framed(before, title_0, legend_height), gap, framed(after, title_1, legend_height)}, out);
@@ -130,9 +132,11 @@ cv::Mat side_by_side(const cv::Mat& before, const cv::Mat& after, const std::str
 }
 
 cv::Scalar status_colour(const std::string& status) {
-  static const std::map<std::string, cv::Scalar> colours = {
-      {"aligned", {90, 230, 90}},   {"projected", {90, 230, 90}}, {"bad_match", {40, 160, 255}},
-      {"diverged", {255, 90, 230}}, {"low_texture", {255, 220, 60}}};
+  static const std::map<std::string, cv::Scalar> colours = {{"aligned", {90, 230, 90}},
+                                                            {"projected", {90, 230, 90}},
+                                                            {"bad_match", {40, 160, 255}},
+                                                            {"diverged", {255, 90, 230}},
+                                                            {"low_texture", {255, 220, 60}}};
   const auto it = colours.find(status);
   return it == colours.end() ? cv::Scalar(150, 150, 150) : it->second;
 }
@@ -163,7 +167,8 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
     ++counts[mark.status];
     if (!feature_position(pair, result, i, mark.at)) continue;
     mark.has_line = project_feature(pair.camera, pair.features, i, pair.truth.value_or(pair.T_10), mark.line_end);
-    if (mark.has_line && (mark.status == "aligned" || mark.status == "projected")) sum += (mark.line_end - mark.at).norm(), ++lines;
+    if (mark.has_line && (mark.status == "aligned" || mark.status == "projected"))
+      sum += (mark.line_end - mark.at).norm(), ++lines;
     marks.push_back(std::move(mark));
   }
   const double mean = lines > 0 ? sum / lines : 0;
@@ -181,8 +186,10 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
   }
   for (const Mark& mark : marks)
     if (mark.has_line)
-      cv::line(panel, pixel(mark.at), pixel(mark.at + magnified * (mark.line_end - mark.at)), {60, 60, 255}, 2, cv::LINE_AA, kShift);
-  cv::Mat canvas = framed(panel, "Features of the reference, found in the target (" + std::string(name(result.status)) + ")", 64);
+      cv::line(panel, pixel(mark.at), pixel(mark.at + magnified * (mark.line_end - mark.at)), {60, 60, 255}, 2, cv::LINE_AA,
+               kShift);
+  cv::Mat canvas =
+      framed(panel, "Features of the reference, found in the target (" + std::string(name(result.status)) + ")", 64);
   int x = 16;
   const int y = canvas.rows - 44;
   for (const auto& [status, count] : counts) {
@@ -192,10 +199,10 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
     x += 22 + text_width(words) + 28;
   }
   cv::line(canvas, {16, canvas.rows - 19}, {44, canvas.rows - 19}, {60, 60, 255}, 2, cv::LINE_AA);
-  const std::string legend =
-      pair.truth ? format("from found to true position%s; mean distance %.2f px",
-                          magnified > 1 ? format(", drawn %d times as long", magnified).c_str() : "", mean)
-                 : format("back to where the first guess had it; mean distance %.1f px", mean);
+  const std::string legend = pair.truth
+                                 ? format("from found to true position%s; mean distance %.2f px",
+                                          magnified > 1 ? format(", drawn %d times as long", magnified).c_str() : "", mean)
+                                 : format("back to where the first guess had it; mean distance %.1f px", mean);
   text(canvas, legend, {56, canvas.rows - 14});
   return canvas;
 }
@@ -206,8 +213,10 @@ cv::Mat overlay_picture(const View& before, const View& after, const cv::Mat& gr
                                 "Before: target warped by the first guess", "After: target warped by the result", 40);
   const int y = canvas.rows - 14;
   int x = 16;
-  const std::pair<const char*, cv::Scalar> entries[] = {
-      {"only in the reference", {60, 60, 230}}, {"only in the target", {220, 220, 60}}, {"agree", {170, 170, 170}}, {"no depth, or not in the target", {70, 40, 40}}};
+  const std::pair<const char*, cv::Scalar> entries[] = {{"only in the reference", {60, 60, 230}},
+                                                        {"only in the target", {220, 220, 60}},
+                                                        {"agree", {170, 170, 170}},
+                                                        {"no depth, or not in the target", {70, 40, 40}}};
   for (const auto& [words, colour] : entries) {
     cv::rectangle(canvas, cv::Rect(x, y - 14, 18, 18), colour, cv::FILLED);
     text(canvas, words, {x + 26, y});
@@ -220,9 +229,10 @@ cv::Mat overlay_picture(const View& before, const View& after, const cv::Mat& gr
 cv::Mat residual_picture(const View& before, const View& after, const cv::Mat& grey_0, const std::string& depth_source) {
   const int zoom = zoom_of(grey_0);
   const double range = std::isfinite(before.rms) ? std::clamp(std::ceil(before.rms / 5) * 10, 20.0, 120.0) : 60;
-  cv::Mat canvas = side_by_side(enlarged(residual_panel(before, grey_0, range), zoom), enlarged(residual_panel(after, grey_0, range), zoom),
-                                format("Before: residual of the first guess, RMS %.1f of 255", before.rms),
-                                format("After: residual of the result, RMS %.1f of 255", after.rms), 44);
+  cv::Mat canvas =
+      side_by_side(enlarged(residual_panel(before, grey_0, range), zoom), enlarged(residual_panel(after, grey_0, range), zoom),
+                   format("Before: residual of the first guess, RMS %.1f of 255", before.rms),
+                   format("After: residual of the result, RMS %.1f of 255", after.rms), 44);
   const int y = canvas.rows - 14, bar = 300;
   const std::string low = format("target darker  -%.0f", range), high = format("+%.0f  target brighter", range);
   int x = 16;
@@ -314,7 +324,8 @@ cv::Mat picture_depth(const PairInput& pair) {
 
 std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment& result) {
   const cv::Mat grey_0 = grey_8bit(pair.image_0), grey_1 = grey_8bit(pair.image_1), depth = picture_depth(pair);
-  const View before = view_by(pair, grey_0, grey_1, depth, pair.T_10), after = view_by(pair, grey_0, grey_1, depth, result.T_10);
+  const View before = view_by(pair, grey_0, grey_1, depth, pair.T_10),
+             after = view_by(pair, grey_0, grey_1, depth, result.T_10);
   const std::string source = pair.depth_0.empty() ? "depth interpolated between the features" : "depth: the depth image";
   return {{"features.png", features_picture(pair, result)},
           {"overlay.png", overlay_picture(before, after, grey_0, source)},

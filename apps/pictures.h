@@ -25,7 +25,8 @@ std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment
 /// within their hull. CV_32FC1 metres, 0 = unknown.
 cv::Mat picture_depth(const PairInput& pair);
 
-/// The target as camera 0 would have seen it by T_10: CV_32FC1 grey values, NaN where the depth is unknown or the target does not see it.
+/// The target as camera 0 would have seen it by T_10: CV_32FC1 grey values, NaN where the depth is unknown or the target does
+/// not see it.
 cv::Mat warp_target(const cv::Mat& grey_1, const cv::Mat& depth_0, const Camera& camera, const SE3& T_10);
 
 }  // namespace iclk

@@ -38,14 +38,16 @@ Matrix6d covariance_or_nan(const RefinedAlignment& result) {
 
 PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, const Stage& stage) {
   PoseError error = pose_error(pair.camera, pair.features, stage.T_10, *pair.truth);
-  if (stage.name == "feature_alignment") error.e_pixel = aligned_error(pair.camera, pair.features, result.features, *pair.truth);
+  if (stage.name == "feature_alignment")
+    error.e_pixel = aligned_error(pair.camera, pair.features, result.features, *pair.truth);
   return error;
 }
 
 Json stages(const PairInput& pair, const RefinedAlignment& result) {
   Json list = Json::array();
   for (const Stage& stage : result.stages) {
-    Json entry = {{"name", stage.name}, {"T_10", matrix(stage.T_10.matrix())}, {"cost", number(stage.cost)}, {"ms", number(stage.ms)}};
+    Json entry = {
+        {"name", stage.name}, {"T_10", matrix(stage.T_10.matrix())}, {"cost", number(stage.cost)}, {"ms", number(stage.ms)}};
     if (pair.truth) {
       const PoseError e = stage_error(pair, result, stage);
       entry["e_pixel"] = number(e.e_pixel);
@@ -112,7 +114,8 @@ std::string feature_status(const PairInput& pair, const RefinedAlignment& result
   if (at < result.iclk.features.size() && result.iclk.features[at] != FeatureCheck::ok) return name(result.iclk.features[at]);
   if (at < result.features.size()) return name(result.features[at].status);
   Eigen::Vector2d uv1;
-  return project_feature(pair.camera, pair.features, i, result.T_10, uv1) && pair.camera.contains(uv1) ? "projected" : "out_of_image";
+  return project_feature(pair.camera, pair.features, i, result.T_10, uv1) && pair.camera.contains(uv1) ? "projected"
+                                                                                                       : "out_of_image";
 }
 
 bool feature_position(const PairInput& pair, const RefinedAlignment& result, int i, Eigen::Vector2d& uv1) {
@@ -130,11 +133,14 @@ std::string hint(Status status) {
     case Status::max_iterations: return "the pose was still moving: try --damping adaptive, or a nearer --initial-pose";
     case Status::low_overlap: return "little of the reference is inside the target: take a nearer frame or give --initial-pose";
     case Status::degenerate:
-      return "the images do not determine the pose: they need texture spread over the image and depth, try --count 200 or --detector grid";
+      return "the images do not determine the pose: they need texture spread over the image and depth, try --count 200 or "
+             "--detector grid";
     case Status::too_few_features:
-      return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 200 or --detector grid";
+      return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 200 or "
+             "--detector grid";
     case Status::diverged:
-      return "the images do not agree: is the motion larger than about 20 px (give --initial-pose or a nearer frame)? are --camera and "
+      return "the images do not agree: is the motion larger than about 20 px (give --initial-pose or a nearer frame)? are "
+             "--camera and "
              "--depth-scale right?";
   }
   return "";
@@ -142,19 +148,15 @@ std::string hint(Status status) {
 
 nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& result, const Session& session) {
   const SessionTimes& t = session.times();
-  Json timing = {{"load", number(pair.load_ms)}, {"detect", number(pair.detect_ms)}, {"setup", number(t.setup)},
-                 {"prepare", number(t.prepare)}, {"align", number(t.align)},
-                 {"total", number(pair.load_ms + pair.detect_ms + t.setup + t.prepare + t.align)}};
-  return {{"status", name(result.status)},
-          {"reason", result.reason},
-          {"T_10", matrix(result.T_10.matrix())},
-          {"covariance", matrix(covariance_or_nan(result))},
-          {"stages", stages(pair, result)},
-          {"levels", levels(result.iclk)},
-          {"features", features(pair, result)},
-          {"visible_fraction", number(result.iclk.visible_fraction)},
-          {"device", session.device_name()},
-          {"timing_ms", std::move(timing)}};
+  Json timing = {
+      {"load", number(pair.load_ms)}, {"detect", number(pair.detect_ms)},
+      {"setup", number(t.setup)},     {"prepare", number(t.prepare)},
+      {"align", number(t.align)},     {"total", number(pair.load_ms + pair.detect_ms + t.setup + t.prepare + t.align)}};
+  return {{"status", name(result.status)},        {"reason", result.reason},
+          {"T_10", matrix(result.T_10.matrix())}, {"covariance", matrix(covariance_or_nan(result))},
+          {"stages", stages(pair, result)},       {"levels", levels(result.iclk)},
+          {"features", features(pair, result)},   {"visible_fraction", number(result.iclk.visible_fraction)},
+          {"device", session.device_name()},      {"timing_ms", std::move(timing)}};
 }
 
 std::string to_table(const PairInput& pair, const RefinedAlignment& result, const Session& session) {

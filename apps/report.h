@@ -23,14 +23,15 @@ namespace iclk {
 /// Every number is finite or null.
 nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& result, const Session& session);
 
-/// What a person wants to know: stages (with errors where there is a truth), features, pose, status and, unless converged, a hint.
+/// What a person wants to know: stages (with errors where there is a truth), features, pose, status and, unless converged, a
+/// hint.
 std::string to_table(const PairInput& pair, const RefinedAlignment& result, const Session& session);
 
 /// One line that says what to try next; empty for converged.
 std::string hint(Status status);
 
-/// The status of feature i as JSON and pictures state it: a FeatureStatus, the FeatureCheck of a rejected one, or without refinement
-/// "projected" or "out_of_image".
+/// The status of feature i as JSON and pictures state it: a FeatureStatus, the FeatureCheck of a rejected one, or without
+/// refinement "projected" or "out_of_image".
 std::string feature_status(const PairInput& pair, const RefinedAlignment& result, int i);
 
 /// Where feature i came to lie in image 1: aligned, else projected by the final pose. False if it has no position.

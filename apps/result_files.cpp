@@ -15,7 +15,8 @@ std::string json_text(const PairInput& pair, const RefinedAlignment& result, con
 
 void write_results(const std::string& folder, const PairInput& pair, const RefinedAlignment& result, const Session& session) {
   const std::filesystem::path root(folder);
-  for (const Picture& picture : make_pictures(pair, result)) write_file((root / picture.file).string(), encode_png(picture.image));
+  for (const Picture& picture : make_pictures(pair, result))
+    write_file((root / picture.file).string(), encode_png(picture.image));
   write_file((root / "result.json").string(), json_text(pair, result, session));
 }
 

@@ -9,16 +9,22 @@
 namespace iclk {
 
 void RunOptions::add_to(CLI::App& command) {
-  command.add_option("--solver", solver, "host: sums on the device, 6x6 system on the host; device: everything on the device; cpu: no Vulkan")
+  command
+      .add_option("--solver", solver,
+                  "host: sums on the device, 6x6 system on the host; device: everything on the device; cpu: no Vulkan")
       ->capture_default_str()
       ->check(CLI::IsMember({"host", "device", "cpu"}));
-  command.add_option("--device", device, "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
-  command.add_option("--levels", aligner.levels, "Pyramid levels: each doubles the motion that can be found")->capture_default_str();
+  command.add_option("--device", device,
+                     "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
+  command.add_option("--levels", aligner.levels, "Pyramid levels: each doubles the motion that can be found")
+      ->capture_default_str();
   command.add_option("--iterations", aligner.iterations, "Iterations a level, at most")->capture_default_str();
   command.add_option("--robust", robust, "Weights of the residuals")
       ->capture_default_str()
       ->check(CLI::IsMember({"unit", "huber", "tukey", "cauchy"}));
-  command.add_option("--damping", damping, "fixed: every step is taken, as in the paper; adaptive: a step that raises the cost is taken back")
+  command
+      .add_option("--damping", damping,
+                  "fixed: every step is taken, as in the paper; adaptive: a step that raises the cost is taken back")
       ->capture_default_str()
       ->check(CLI::IsMember({"fixed", "adaptive"}));
   command.add_option("--lambda", aligner.lambda, "Damping, or its start value")->capture_default_str();
@@ -44,16 +50,21 @@ SessionOptions RunOptions::session() const {
 }
 
 void LoadOptions::add_to(CLI::App& command, bool camera_required) {
-  auto* option = command.add_option("--camera", camera,
-                                    "fx,fy,cx,cy[,width,height] in pixels, pixel centres at whole numbers; or a file: camera.txt line, "
-                                    "Kalibr / EuRoC YAML, OpenCV / ROS YAML. Scaled if the images have another size of the same aspect");
+  auto* option =
+      command.add_option("--camera", camera,
+                         "fx,fy,cx,cy[,width,height] in pixels, pixel centres at whole numbers; or a file: camera.txt line, "
+                         "Kalibr / EuRoC YAML, OpenCV / ROS YAML. Scaled if the images have another size of the same aspect");
   if (camera_required) option->required();
-  command.add_option("--distortion", distortion,
-                     "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's. Images, depth and features are "
-                     "undistorted when read; every pixel in the output is of the undistorted images");
-  command.add_option("--depth-scale", depth_scale, "Raw units a metre of 16-bit depth (TUM RGB-D 5000, millimetres 1000); default: camera.txt's");
-  command.add_option("--detector", detector, "How features are chosen where no feature file is given: shi-tomasi (corners, spread over the "
-                                             "image), grid, random (uniform, as in the paper)")
+  command.add_option(
+      "--distortion", distortion,
+      "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's. Images, depth and features are "
+      "undistorted when read; every pixel in the output is of the undistorted images");
+  command.add_option("--depth-scale", depth_scale,
+                     "Raw units a metre of 16-bit depth (TUM RGB-D 5000, millimetres 1000); default: camera.txt's");
+  command
+      .add_option("--detector", detector,
+                  "How features are chosen where no feature file is given: shi-tomasi (corners, spread over the "
+                  "image), grid, random (uniform, as in the paper)")
       ->capture_default_str()
       ->check(CLI::IsMember({"shi-tomasi", "grid", "random"}));
   command.add_option("--count", features.count, "Features to choose")->capture_default_str();
@@ -75,8 +86,8 @@ InputOptions LoadOptions::input() const {
 
 void report_device(const Session& session) {
   if (session.cpu_unasked())
-    spdlog::warn("no GPU with Vulkan here: running on the CPU device {} (--device {} takes it without this notice)", session.device_name(),
-                 session.device_name().substr(0, session.device_name().find(' ')));
+    spdlog::warn("no GPU with Vulkan here: running on the CPU device {} (--device {} takes it without this notice)",
+                 session.device_name(), session.device_name().substr(0, session.device_name().find(' ')));
 }
 
 }  // namespace iclk

@@ -8,8 +8,8 @@
 namespace iclk {
 namespace {
 
-constexpr double kGround = 2.0;     // m from camera 0
-constexpr double kHighest = 0.45;   // m above ground, a bound
+constexpr double kGround = 2.0;    // m from camera 0
+constexpr double kHighest = 0.45;  // m above ground, a bound
 constexpr double kLowest = -0.05;
 
 uint32_t hash(int x, int y, uint32_t salt) {
@@ -47,16 +47,18 @@ double height(double x, double y) {
   const auto hill = [&](double cx, double cy, double radius, double top) {
     return top * std::exp(-((x - cx) * (x - cx) + (y - cy) * (y - cy)) / (radius * radius));
   };
-  return 0.03 + hill(-0.45, -0.25, 0.38, 0.26) + hill(0.50, 0.28, 0.42, 0.22) + hill(0.55, -0.45, 0.25, 0.13) + hill(-0.5, 0.5, 0.22, 0.1) +
-         0.05 * turbulence(x + 7, y + 3, 0.35, 3, 11);
+  return 0.03 + hill(-0.45, -0.25, 0.38, 0.26) + hill(0.50, 0.28, 0.42, 0.22) + hill(0.55, -0.45, 0.25, 0.13) +
+         hill(-0.5, 0.5, 0.22, 0.1) + 0.05 * turbulence(x + 7, y + 3, 0.35, 3, 11);
 }
 
 Eigen::Vector3d normal(double x, double y) {
   constexpr double d = 2e-3;
-  return Eigen::Vector3d((height(x + d, y) - height(x - d, y)) / (2 * d), (height(x, y + d) - height(x, y - d)) / (2 * d), 1).normalized();
+  return Eigen::Vector3d((height(x + d, y) - height(x - d, y)) / (2 * d), (height(x, y + d) - height(x, y - d)) / (2 * d), 1)
+      .normalized();
 }
 
-/// BGR in [0, 255]: meadows, woods, rock and snow by height and steepness, fields with hedges, a road, light from the upper left.
+/// BGR in [0, 255]: meadows, woods, rock and snow by height and steepness, fields with hedges, a road, light from the upper
+/// left.
 Eigen::Vector3d colour(double x, double y) {
   const double h = height(x, y) + 0.07 * (turbulence(x, y, 0.2, 4, 31) - 0.5);
   const Eigen::Vector3d n = normal(x, y);
@@ -64,7 +66,8 @@ Eigen::Vector3d colour(double x, double y) {
     t = std::clamp(t, 0.0, 1.0);
     return Eigen::Vector3d((1 - t) * a + t * b);
   };
-  const Eigen::Vector3d meadow(60, 150, 110), wood(40, 80, 45), field(95, 190, 215), rock(120, 128, 140), snow(250, 245, 240), road(175, 180, 185);
+  const Eigen::Vector3d meadow(60, 150, 110), wood(40, 80, 45), field(95, 190, 215), rock(120, 128, 140), snow(250, 245, 240),
+      road(175, 180, 185);
   Eigen::Vector3d c = mix(meadow, wood, 6 * (turbulence(x + 3, y, 0.3, 3, 51) - 0.45));
   // Fields: cells of a crooked grid, each of its own brightness, in the lowlands.
   const double wx = x + 0.05 * noise(x * 5, y * 5, 61), wy = y + 0.05 * noise(x * 5, y * 5, 62);

@@ -18,15 +18,15 @@ struct ScenePair {
 
 struct SceneOptions {
   int width = 640, height = 480;
-  uint64_t seed = 1;     ///< of the noise in both images
-  double gain = 0.82;    ///< exposure of the target: I1 = gain I0 + bias
-  double bias = 14;      ///< grey values of 255
-  double noise = 1.5;    ///< standard deviation, grey values of 255
+  uint64_t seed = 1;   ///< of the noise in both images
+  double gain = 0.82;  ///< exposure of the target: I1 = gain I0 + bias
+  double bias = 14;    ///< grey values of 255
+  double noise = 1.5;  ///< standard deviation, grey values of 255
 };
 
-/// A model landscape of 2 m x 2 m with hills of up to 0.35 m, seen from 2 m above: a height field with texture from 1 cm to 1 m, drawn
-/// by ray casting from camera 0 (looking straight down) and from camera 1.
-/// Precondition: T_10 keeps camera 1 above the hills.
+/// A model landscape of 2 m x 2 m with hills of up to 0.35 m, seen from 2 m above: a height field with texture from 1 cm to 1
+/// m, drawn by ray casting from camera 0 (looking straight down) and from camera 1. Precondition: T_10 keeps camera 1 above the
+/// hills.
 ScenePair make_scene_pair(const SE3& T_10, const SceneOptions& options = {});
 
 /// The motion of `iclk demo`: 3 degrees and 6 cm.

@@ -65,8 +65,9 @@ Solver parse_solver(const std::string& name) {
 }
 
 Robust parse_robust(const std::string& name) {
-  return parse_name<Robust>(name, "robust weight",
-                            {{"unit", Robust::unit}, {"huber", Robust::huber}, {"tukey", Robust::tukey}, {"cauchy", Robust::cauchy}});
+  return parse_name<Robust>(
+      name, "robust weight",
+      {{"unit", Robust::unit}, {"huber", Robust::huber}, {"tukey", Robust::tukey}, {"cauchy", Robust::cauchy}});
 }
 
 Damping parse_damping(const std::string& name) {
@@ -76,7 +77,8 @@ Damping parse_damping(const std::string& name) {
 Session::Session(const SessionOptions& options) : options_(options) {
   options_.aligner.check();
   options_.refiner.check();
-  if (options_.max_pairs < 1) throw Error(ErrorCode::invalid_argument, "batch size " + std::to_string(options_.max_pairs) + " must be positive");
+  if (options_.max_pairs < 1)
+    throw Error(ErrorCode::invalid_argument, "batch size " + std::to_string(options_.max_pairs) + " must be positive");
   if (options_.solver == Solver::cpu) {
     device_name_ = "CPU reference (one thread, no Vulkan)";
     return;

@@ -17,13 +17,13 @@ class DeviceAligner;
 
 struct SessionOptions {
   Solver solver = Solver::host;
-  std::string device;       ///< index, part of a name, UUID; empty: ICLK_DEVICE, else the best
+  std::string device;  ///< index, part of a name, UUID; empty: ICLK_DEVICE, else the best
   AlignerOptions aligner;
-  bool dense = false;       ///< every pixel with depth instead of patches; needs a depth image
+  bool dense = false;  ///< every pixel with depth instead of patches; needs a depth image
   bool refine = true;
   RefinerOptions refiner;
-  int max_pairs = 1;        ///< in one batch on the device
-  bool profile = false;     ///< let the device keep the time of its stages
+  int max_pairs = 1;     ///< in one batch on the device
+  bool profile = false;  ///< let the device keep the time of its stages
 };
 
 /// Where a run spent its time, ms.

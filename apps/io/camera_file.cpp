@@ -67,8 +67,8 @@ void read_kalibr(const Keys& keys, const std::string& prefix, CameraFile& file) 
   const std::vector<double> size = keys.numbers(prefix + "resolution", 2);
   k.insert(k.end(), size.begin(), size.end());
   set_intrinsics(file, k);
-  const std::string coefficients =
-      keys.yaml.find(prefix + "distortion_coeffs") != nullptr ? prefix + "distortion_coeffs" : prefix + "distortion_coefficients";
+  const std::string coefficients = keys.yaml.find(prefix + "distortion_coeffs") != nullptr ? prefix + "distortion_coeffs"
+                                                                                           : prefix + "distortion_coefficients";
   const std::string distortion = keys.text(prefix + "distortion_model");
   if (distortion.empty() && keys.yaml.find(coefficients) == nullptr) return;
   if (distortion.empty()) fail(file.source, "key '" + prefix + "distortion_model' is missing");
@@ -79,9 +79,11 @@ void read_kalibr(const Keys& keys, const std::string& prefix, CameraFile& file) 
 void read_opencv(const Keys& keys, CameraFile& file) {
   const std::string matrix = keys.spelling({"camera_matrix", "Camera_Matrix", "K"});
   const std::vector<double> m = keys.numbers(keys.yaml.has_children(matrix) ? matrix + ".data" : matrix, 9);
-  if (m[1] != 0) fail(file.source, "key '" + matrix + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
+  if (m[1] != 0)
+    fail(file.source, "key '" + matrix + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
   std::vector<double> k = {m[0], m[4], m[2], m[5]};
-  const std::string width = keys.spelling({"image_width", "image_Width"}), height = keys.spelling({"image_height", "image_Height"});
+  const std::string width = keys.spelling({"image_width", "image_Width"}),
+                    height = keys.spelling({"image_height", "image_Height"});
   if (keys.yaml.find(width) != nullptr || keys.yaml.find(height) != nullptr) {
     k.push_back(keys.numbers(width, 1)[0]);
     k.push_back(keys.numbers(height, 1)[0]);
@@ -125,10 +127,14 @@ CameraFile load_file(const std::string& path) {
   }
   const Yaml yaml(text, path);
   const Keys keys{yaml, file.source};
-  if (yaml.has_children("cam0")) read_kalibr(keys, "cam0.", file);
-  else if (yaml.find("intrinsics") != nullptr) read_kalibr(keys, "", file);
-  else if (yaml.find("camera_matrix") != nullptr || yaml.find("Camera_Matrix") != nullptr || yaml.find("K") != nullptr) read_opencv(keys, file);
-  else fail(file.source, "key 'intrinsics' (EuRoC), 'cam0' (Kalibr) or 'camera_matrix' (OpenCV) is missing");
+  if (yaml.has_children("cam0"))
+    read_kalibr(keys, "cam0.", file);
+  else if (yaml.find("intrinsics") != nullptr)
+    read_kalibr(keys, "", file);
+  else if (yaml.find("camera_matrix") != nullptr || yaml.find("Camera_Matrix") != nullptr || yaml.find("K") != nullptr)
+    read_opencv(keys, file);
+  else
+    fail(file.source, "key 'intrinsics' (EuRoC), 'cam0' (Kalibr) or 'camera_matrix' (OpenCV) is missing");
   return file;
 }
 

@@ -9,7 +9,7 @@ namespace iclk {
 
 /// A camera as a person states it.
 struct CameraFile {
-  Camera camera;           ///< width and height 0: not stated, so those of the image
+  Camera camera;  ///< width and height 0: not stated, so those of the image
   Distortion distortion;
   double depth_scale = 0;  ///< raw depth units a metre; 0: not stated
   std::string source;      ///< for messages

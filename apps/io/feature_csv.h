@@ -5,8 +5,8 @@
 
 namespace iclk {
 
-/// A feature file: a header line `u,v,depth[,sigma]` or `u,v,inverse_depth[,sigma]`, then a feature a line. Columns may stand in
-/// any order; others are ignored; '#' opens a comment line. `sigma` is the standard deviation of the column that gives the
+/// A feature file: a header line `u,v,depth[,sigma]` or `u,v,inverse_depth[,sigma]`, then a feature a line. Columns may stand
+/// in any order; others are ignored; '#' opens a comment line. `sigma` is the standard deviation of the column that gives the
 /// depth, in its unit. A value may be nan or inf: the feature is then kept and rejected later, with a verdict.
 /// Throws Error(io) for an unreadable file, Error(invalid_argument) "<file>:<line>: ..." otherwise.
 Features load_features(const std::string& path);

@@ -49,7 +49,8 @@ cv::Mat decode(const std::string& path) {
 }
 
 std::string type_name(const cv::Mat& image) {
-  static const char* depths[] = {"8-bit", "signed 8-bit", "16-bit", "signed 16-bit", "32-bit integer", "32-bit float", "64-bit float"};
+  static const char* depths[] = {"8-bit",          "signed 8-bit", "16-bit",      "signed 16-bit",
+                                 "32-bit integer", "32-bit float", "64-bit float"};
   const int d = image.depth();
   return (d <= CV_64F ? depths[d] : "16-bit float") + std::string(" with ") + std::to_string(image.channels()) + " channel" +
          (image.channels() == 1 ? "" : "s");
@@ -87,14 +88,16 @@ cv::Mat load_depth(const std::string& path, double scale) {
     // EXR writers repeat a single channel as grey colour.
     std::vector<cv::Mat> planes;
     cv::split(raw, planes);
-    if (raw.channels() == 3 && cv::norm(planes[0], planes[1], cv::NORM_INF) == 0 && cv::norm(planes[0], planes[2], cv::NORM_INF) == 0)
+    if (raw.channels() == 3 && cv::norm(planes[0], planes[1], cv::NORM_INF) == 0 &&
+        cv::norm(planes[0], planes[2], cv::NORM_INF) == 0)
       raw = planes[0];
   }
   if (raw.channels() != 1) throw Error(ErrorCode::invalid_argument, path + " is " + type_name(raw) + remedy);
   if (raw.depth() == CV_16U) {
     if (!(std::isfinite(scale) && scale > 0))
-      throw Error(ErrorCode::invalid_argument,
-                  path + " is 16-bit: say with --depth-scale how many raw units a metre has (TUM RGB-D 5000, millimetres 1000)");
+      throw Error(
+          ErrorCode::invalid_argument,
+          path + " is 16-bit: say with --depth-scale how many raw units a metre has (TUM RGB-D 5000, millimetres 1000)");
     raw.convertTo(depth, CV_32F, 1 / scale);
   } else if (raw.depth() == CV_32F || raw.depth() == CV_64F) {
     raw.convertTo(depth, CV_32F);

@@ -28,8 +28,10 @@ void write_file(const std::string& path, std::string_view bytes) {
   int error = 0;
   for (size_t done = 0; done < bytes.size() && error == 0;) {
     const ssize_t n = ::write(file, bytes.data() + done, bytes.size() - done);
-    if (n > 0) done += static_cast<size_t>(n);
-    else if (n < 0 && errno != EINTR) error = errno;
+    if (n > 0)
+      done += static_cast<size_t>(n);
+    else if (n < 0 && errno != EINTR)
+      error = errno;
   }
   // A disk may report that it is full only here.
   if (error == 0 && ::fsync(file) != 0) error = errno;

@@ -55,7 +55,8 @@ std::string tum_line(const SE3& T) {
   Eigen::Quaterniond q(T.R);
   if (q.w() < 0) q.coeffs() *= -1;
   char line[256];
-  std::snprintf(line, sizeof line, "%.10g %.10g %.10g %.12g %.12g %.12g %.12g", T.t.x(), T.t.y(), T.t.z(), q.x(), q.y(), q.z(), q.w());
+  std::snprintf(line, sizeof line, "%.10g %.10g %.10g %.12g %.12g %.12g %.12g", T.t.x(), T.t.y(), T.t.z(), q.x(), q.y(), q.z(),
+                q.w());
   return line;
 }
 

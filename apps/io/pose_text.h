@@ -7,9 +7,9 @@
 
 namespace iclk {
 
-/// A pose as text or in a file: a TUM line "[timestamp] tx ty tz qx qy qz qw", or a 4x4 (or 3x4) matrix row by row; separated by
-/// blanks, commas, semicolons or brackets (so `T_10` of our JSON can be pasted).
-/// Throws Error(invalid_argument) that begins with `what`: not a number, another count, not finite, not a rotation.
+/// A pose as text or in a file: a TUM line "[timestamp] tx ty tz qx qy qz qw", or a 4x4 (or 3x4) matrix row by row; separated
+/// by blanks, commas, semicolons or brackets (so `T_10` of our JSON can be pasted). Throws Error(invalid_argument) that begins
+/// with `what`: not a number, another count, not finite, not a rotation.
 SE3 parse_pose(std::string_view text, const std::string& what);
 SE3 load_pose(const std::string& text_or_path, const std::string& what);
 

@@ -52,7 +52,8 @@ std::vector<int> associate(const std::vector<StampedFile>& a, const std::vector<
     for (size_t j = first; j < b.size() && b[j].stamp <= a[i].stamp + max_difference; ++j)
       candidates.push_back({std::abs(a[i].stamp - b[j].stamp), static_cast<int>(i), static_cast<int>(j)});
   }
-  std::stable_sort(candidates.begin(), candidates.end(), [](const auto& x, const auto& y) { return x.difference < y.difference; });
+  std::stable_sort(candidates.begin(), candidates.end(),
+                   [](const auto& x, const auto& y) { return x.difference < y.difference; });
   std::vector<int> match(a.size(), -1);
   std::vector<bool> used(b.size(), false);
   for (const Candidate& c : candidates) {

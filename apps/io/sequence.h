@@ -10,16 +10,16 @@
 namespace iclk {
 
 struct SequenceFrame {
-  double stamp = 0;           ///< of the colour image, seconds
-  std::string image, depth;   ///< paths that can be opened; depth is empty where none lies near in time
-  std::optional<SE3> T_wc;    ///< camera to world at the colour image's time, interpolated; nothing outside the ground truth
+  double stamp = 0;          ///< of the colour image, seconds
+  std::string image, depth;  ///< paths that can be opened; depth is empty where none lies near in time
+  std::optional<SE3> T_wc;   ///< camera to world at the colour image's time, interpolated; nothing outside the ground truth
 };
 
 /// A recording in the TUM RGB-D layout: rgb.txt, depth.txt, and where they exist groundtruth.txt and camera.txt.
 struct Sequence {
   std::string folder;
-  std::optional<CameraFile> camera;  ///< of camera.txt
-  std::vector<SequenceFrame> frames; ///< in order of time
+  std::optional<CameraFile> camera;   ///< of camera.txt
+  std::vector<SequenceFrame> frames;  ///< in order of time
 };
 
 /// Colour and depth are paired by time, nearest first and at most max_difference seconds apart, each used once.

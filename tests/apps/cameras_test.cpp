@@ -76,13 +76,18 @@ TEST(CameraFile, InlineErrors) {
 
 TEST(CameraFile, CameraTxt) {
   const Folder folder;
-  const CameraFile a = load_camera(folder.write("camera.txt", "# fx fy cx cy width height depth_scale: a comment\n517.3 516.5 318.6 255.3 640 480 5000\n"));
+  const CameraFile a = load_camera(
+      folder.write("camera.txt", "# fx fy cx cy width height depth_scale: a comment\n517.3 516.5 318.6 255.3 640 480 5000\n"));
   EXPECT_EQ(a.camera.width, 640);
   EXPECT_EQ(a.depth_scale, 5000);
-  expect_error([&] { load_camera(folder.write("c.txt", "517.3 516.5 318.6 255.3 640\n")); }, ErrorCode::invalid_argument, {"c.txt", "5 numbers"});
-  expect_error([&] { load_camera(folder.write("c.txt", "517.3 516.5 318.6 255.3 640 480 0\n")); }, ErrorCode::invalid_argument, {"depth_scale"});
-  expect_error([&] { load_camera(folder.write("c.txt", "517.3 a 318.6 255.3\n")); }, ErrorCode::invalid_argument, {"c.txt", "'a'"});
-  expect_error([&] { load_camera(folder.write("c.txt", "nan 1 318.6 255.3\n")); }, ErrorCode::invalid_argument, {"c.txt", "finite"});
+  expect_error([&] { load_camera(folder.write("c.txt", "517.3 516.5 318.6 255.3 640\n")); }, ErrorCode::invalid_argument,
+               {"c.txt", "5 numbers"});
+  expect_error([&] { load_camera(folder.write("c.txt", "517.3 516.5 318.6 255.3 640 480 0\n")); }, ErrorCode::invalid_argument,
+               {"depth_scale"});
+  expect_error([&] { load_camera(folder.write("c.txt", "517.3 a 318.6 255.3\n")); }, ErrorCode::invalid_argument,
+               {"c.txt", "'a'"});
+  expect_error([&] { load_camera(folder.write("c.txt", "nan 1 318.6 255.3\n")); }, ErrorCode::invalid_argument,
+               {"c.txt", "finite"});
   expect_error([&] { load_camera(folder.write("c.txt", "# only a comment\n")); }, ErrorCode::invalid_argument, {"c.txt"});
   expect_error([&] { load_camera(folder.write("c.txt", "")); }, ErrorCode::invalid_argument, {"c.txt", "empty"});
 }
@@ -115,7 +120,8 @@ TEST(CameraFile, MissingKeysAreNamed) {
   };
   for (const char* key : {"resolution", "intrinsics", "distortion_coefficients", "distortion_model"})
     expect_error([&] { load_camera(without(kEuroc, key)); }, ErrorCode::invalid_argument, {"broken.yaml", key});
-  expect_error([&] { load_camera(without(kKalibr, "  resolution")); }, ErrorCode::invalid_argument, {"broken.yaml", "cam0.resolution"});
+  expect_error([&] { load_camera(without(kKalibr, "  resolution")); }, ErrorCode::invalid_argument,
+               {"broken.yaml", "cam0.resolution"});
   expect_error([&] { load_camera(folder.write("broken.yaml", "image_width: 640\n")); }, ErrorCode::invalid_argument,
                {"broken.yaml", "intrinsics", "camera_matrix"});
 }
@@ -125,7 +131,8 @@ TEST(CameraFile, OpenCvStorageAsOpenCvWritesIt) {
   {
     cv::FileStorage out(folder.path("cv.yml"), cv::FileStorage::WRITE);
     out << "calibration_time"
-        << "Thu 01 Jan 1970 12:00:00" << "image_width" << 640 << "image_height" << 480;
+        << "Thu 01 Jan 1970 12:00:00"
+        << "image_width" << 640 << "image_height" << 480;
     out << "camera_matrix" << cv::Mat((cv::Mat_<double>(3, 3) << 517.3, 0, 318.6, 0, 516.5, 255.3, 0, 0, 1));
     out << "distortion_coefficients" << cv::Mat((cv::Mat_<double>(5, 1) << 0.2624, -0.9531, -0.0054, 0.0026, 1.1633));
   }
@@ -201,13 +208,15 @@ Eigen::Vector2d distort(const Camera& c, const Distortion& d, const Eigen::Vecto
 
 TEST(Distortion, PointsAndImagesFollowTheFormulas) {
   const Camera camera{517.3, 516.5, 318.6, 255.3, 640, 480};
-  for (const char* text : {"radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "radtan:-0.28,0.07,0.0002,0.00002", "equidistant:-0.01,0.02,-0.01,0.005"}) {
+  for (const char* text : {"radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "radtan:-0.28,0.07,0.0002,0.00002",
+                           "equidistant:-0.01,0.02,-0.01,0.005"}) {
     const Distortion d = parse_distortion(text);
     const Undistorter undistort(camera, d);
     // The distorted image's value at a pixel is that pixel's column (row): undistorted, it says where the value came from.
     cv::Mat columns(480, 640, CV_32FC1), rows(480, 640, CV_32FC1);
     for (int v = 0; v < 480; ++v)
-      for (int u = 0; u < 640; ++u) columns.at<float>(v, u) = static_cast<float>(u), rows.at<float>(v, u) = static_cast<float>(v);
+      for (int u = 0; u < 640; ++u)
+        columns.at<float>(v, u) = static_cast<float>(u), rows.at<float>(v, u) = static_cast<float>(v);
     const cv::Mat from_u = undistort.image(columns), from_v = undistort.image(rows), nearest_u = undistort.depth(columns);
     for (const Eigen::Vector2d& uv : {Eigen::Vector2d(100, 80), Eigen::Vector2d(320, 240), Eigen::Vector2d(500, 400)}) {
       const Eigen::Vector2d source = distort(camera, d, uv);
@@ -223,7 +232,8 @@ TEST(Distortion, PointsAndImagesFollowTheFormulas) {
 
 TEST(Distortion, WhatWasNotSeenHasNoDepth) {
   const Camera camera{300, 300, 159.5, 119.5, 320, 240};
-  const Undistorter undistort(camera, parse_distortion("radtan:0.5,0,0,0"));  // pincushion: the corners come from outside the image
+  const Undistorter undistort(camera,
+                              parse_distortion("radtan:0.5,0,0,0"));  // pincushion: the corners come from outside the image
   const cv::Mat depth = undistort.depth(cv::Mat(240, 320, CV_32FC1, cv::Scalar(2)));
   EXPECT_EQ(undistort.seen().at<uchar>(0, 0), 0);
   EXPECT_EQ(depth.at<float>(0, 0), 0);

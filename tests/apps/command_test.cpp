@@ -1,7 +1,7 @@
 // The built command, run as a person or a script runs it.
+#include <fcntl.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
-#include <fcntl.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -27,7 +27,8 @@ struct Finished {
   std::string out, err;
 };
 
-Finished run(const std::vector<std::string>& arguments, const std::function<void()>& before = [] {}) {
+Finished run(
+    const std::vector<std::string>& arguments, const std::function<void()>& before = [] {}) {
   const Folder folder;
   const std::string out = folder.path("out"), err = folder.path("err");
   const pid_t child = fork();
@@ -65,7 +66,8 @@ class Command : public ::testing::Test {
     cv::imwrite(file("d.exr"), scene.depth_0);
     truth_ = tum_line(scene.T_10);
     char camera[100];
-    std::snprintf(camera, sizeof camera, "%.9g,%.9g,%.9g,%.9g", scene.camera.fx, scene.camera.fy, scene.camera.cx, scene.camera.cy);
+    std::snprintf(camera, sizeof camera, "%.9g,%.9g,%.9g,%.9g", scene.camera.fx, scene.camera.fy, scene.camera.cx,
+                  scene.camera.cy);
     camera_ = camera;
   }
   static void TearDownTestSuite() {
@@ -75,7 +77,8 @@ class Command : public ::testing::Test {
 
   static std::string file(const std::string& name) { return folder_->path(name); }
   static std::vector<std::string> align(std::vector<std::string> more = {}) {
-    std::vector<std::string> all = {"align", file("a.png"), file("b.png"), "--depth", file("d.png"), "--depth-scale", "5000", "--camera", camera_, "--solver", "cpu"};
+    std::vector<std::string> all = {"align", file("a.png"), file("b.png"), "--depth",  file("d.png"), "--depth-scale",
+                                    "5000",  "--camera",    camera_,       "--solver", "cpu"};
     all.insert(all.end(), more.begin(), more.end());
     return all;
   }
@@ -91,7 +94,8 @@ TEST_F(Command, AlignsAndWrites) {
   EXPECT_NE(f.out.find("converged"), std::string::npos);
   EXPECT_NE(f.out.find("feature_alignment"), std::string::npos);
   EXPECT_NE(f.err.find("prepare"), std::string::npos) << "--profile";
-  for (const char* name : {"features.png", "overlay.png", "residual.png"}) EXPECT_FALSE(cv::imread(out.path(std::string("results/of/this/") + name)).empty()) << name;
+  for (const char* name : {"features.png", "overlay.png", "residual.png"})
+    EXPECT_FALSE(cv::imread(out.path(std::string("results/of/this/") + name)).empty()) << name;
   EXPECT_EQ(nlohmann::json::parse(bytes_of(out.path("results/of/this/result.json")))["status"], "converged");
 }
 
@@ -105,15 +109,17 @@ TEST_F(Command, JsonIsAllThereIsOnStandardOutput) {
 
 TEST_F(Command, ExrDepthAndFeatureFilesGiveThePoseToo) {
   const auto e_pixel = [](const Finished& f) { return nlohmann::json::parse(f.out)["stages"].back()["e_pixel"].get<double>(); };
-  const Finished exr = run({"align", file("a.png"), file("b.png"), "--depth", file("d.exr"), "--camera", camera_, "--solver", "cpu", "--json", "--truth", truth_});
+  const Finished exr = run({"align", file("a.png"), file("b.png"), "--depth", file("d.exr"), "--camera", camera_, "--solver",
+                            "cpu", "--json", "--truth", truth_});
   ASSERT_EQ(exr.code, kConverged) << exr.err;
   EXPECT_LT(e_pixel(exr), 0.2);
   std::string csv = "u,v,inverse_depth\n";
   const auto json = nlohmann::json::parse(exr.out);
   for (const auto& f : json["features"]) csv += f["u0"].dump() + "," + f["v0"].dump() + "," + f["inverse_depth"].dump() + "\n";
   const Folder folder;
-  const Finished sparse = run({"align", file("a.png"), file("b.png"), "--features", folder.write("f.csv", csv), "--camera", camera_, "--solver", "cpu", "--json",
-                               "--truth", truth_, "--initial-pose", "-0.001 0 0 0 0 0 1", "--out", folder.path("out")});
+  const Finished sparse =
+      run({"align", file("a.png"), file("b.png"), "--features", folder.write("f.csv", csv), "--camera", camera_, "--solver",
+           "cpu", "--json", "--truth", truth_, "--initial-pose", "-0.001 0 0 0 0 0 1", "--out", folder.path("out")});
   ASSERT_EQ(sparse.code, kConverged) << sparse.err << sparse.out.substr(0, 200);
   EXPECT_LT(e_pixel(sparse), 0.2);
   EXPECT_TRUE(std::filesystem::exists(folder.path("out/overlay.png")));
@@ -125,8 +131,12 @@ TEST_F(Command, TwoRunsGiveTheSameBits) {
 }
 
 TEST_F(Command, UsageErrors) {
-  for (const std::vector<std::string>& line : std::vector<std::vector<std::string>>{
-           {}, {"no_such_command"}, {"align"}, {"align", "a.png", "b.png"}, {"align", "--solver", "gpu"}, {"demo", "--count", "many"}}) {
+  for (const std::vector<std::string>& line : std::vector<std::vector<std::string>>{{},
+                                                                                    {"no_such_command"},
+                                                                                    {"align"},
+                                                                                    {"align", "a.png", "b.png"},
+                                                                                    {"align", "--solver", "gpu"},
+                                                                                    {"demo", "--count", "many"}}) {
     const Finished f = run(line);
     EXPECT_EQ(f.code, kUsage);
     EXPECT_EQ(f.out, "");

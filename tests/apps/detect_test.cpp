@@ -41,10 +41,12 @@ TEST(Detect, FeaturesAreValidSpreadAndCounted) {
 TEST(Detect, SameInputSameFeatures) {
   const cv::Mat image = noise_image(320, 240), depth(240, 320, CV_32FC1, cv::Scalar(2));
   for (const Detector detector : kAll) {
-    const Features a = detect_features(image, depth, {}, options_of(detector, 30, 5)), b = detect_features(image, depth, {}, options_of(detector, 30, 5));
+    const Features a = detect_features(image, depth, {}, options_of(detector, 30, 5)),
+                   b = detect_features(image, depth, {}, options_of(detector, 30, 5));
     EXPECT_EQ(a.uv, b.uv);
   }
-  EXPECT_NE(detect_features(image, depth, {}, options_of(Detector::random, 30, 1)).uv, detect_features(image, depth, {}, options_of(Detector::random, 30, 2)).uv);
+  EXPECT_NE(detect_features(image, depth, {}, options_of(Detector::random, 30, 1)).uv,
+            detect_features(image, depth, {}, options_of(Detector::random, 30, 2)).uv);
 }
 
 TEST(Detect, OnlyWhereThereIsDepthAndItWasSeen) {
@@ -78,10 +80,12 @@ TEST(Detect, SmoothDepthComesBeforeDepthEdges) {
 TEST(Detect, CornersAreFound) {
   cv::Mat image(240, 320, CV_8UC1, cv::Scalar(100));
   image(cv::Rect(100, 80, 60, 50)).setTo(200);
-  const Features f = detect_features(image, cv::Mat(240, 320, CV_32FC1, cv::Scalar(2)), {}, options_of(Detector::shi_tomasi, 4));
+  const Features f =
+      detect_features(image, cv::Mat(240, 320, CV_32FC1, cv::Scalar(2)), {}, options_of(Detector::shi_tomasi, 4));
   ASSERT_EQ(f.size(), 4);
   for (const Eigen::Vector2d& uv : f.uv) {
-    const double du = std::min(std::abs(uv.x() - 99.5), std::abs(uv.x() - 159.5)), dv = std::min(std::abs(uv.y() - 79.5), std::abs(uv.y() - 129.5));
+    const double du = std::min(std::abs(uv.x() - 99.5), std::abs(uv.x() - 159.5)),
+                 dv = std::min(std::abs(uv.y() - 79.5), std::abs(uv.y() - 129.5));
     EXPECT_LT(std::max(du, dv), 5) << uv.transpose();
   }
 }
@@ -90,7 +94,8 @@ TEST(Detect, NothingToFindIsNotAnError) {
   const cv::Mat flat(240, 320, CV_8UC1, cv::Scalar(100)), none = cv::Mat::zeros(240, 320, CV_32FC1);
   for (const Detector detector : kAll) {
     EXPECT_EQ(detect_features(flat, none, {}, options_of(detector)).size(), 0);
-    EXPECT_EQ(detect_features(noise_image(16, 16), cv::Mat(16, 16, CV_32FC1, cv::Scalar(1)), {}, options_of(detector)).size(), 0);
+    EXPECT_EQ(detect_features(noise_image(16, 16), cv::Mat(16, 16, CV_32FC1, cv::Scalar(1)), {}, options_of(detector)).size(),
+              0);
   }
   EXPECT_EQ(detect_features(flat, cv::Mat(240, 320, CV_32FC1, cv::Scalar(1)), {}, options_of(Detector::shi_tomasi)).size(), 0);
 }
@@ -102,8 +107,10 @@ TEST(Detect, TenThousand) {
 
 TEST(Detect, BadOptions) {
   const cv::Mat image = noise_image(64, 64), depth(64, 64, CV_32FC1, cv::Scalar(2));
-  test::expect_error([&] { detect_features(image, depth, {}, options_of(Detector::grid, 0)); }, ErrorCode::invalid_argument, {"count 0"});
-  test::expect_error([&] { detect_features(image, depth(cv::Rect(0, 0, 32, 64)), {}, options_of(Detector::grid)); }, ErrorCode::invalid_argument, {"32x64", "64x64"});
+  test::expect_error([&] { detect_features(image, depth, {}, options_of(Detector::grid, 0)); }, ErrorCode::invalid_argument,
+                     {"count 0"});
+  test::expect_error([&] { detect_features(image, depth(cv::Rect(0, 0, 32, 64)), {}, options_of(Detector::grid)); },
+                     ErrorCode::invalid_argument, {"32x64", "64x64"});
   test::expect_error([] { parse_detector("sift"); }, ErrorCode::invalid_argument, {"sift", "shi-tomasi"});
 }
 

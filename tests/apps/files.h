@@ -55,7 +55,8 @@ void expect_error(F statement, ErrorCode code, std::initializer_list<const char*
     ADD_FAILURE() << "no error";
   } catch (const Error& e) {
     EXPECT_EQ(static_cast<int>(e.code()), static_cast<int>(code)) << e.what();
-    for (const char* piece : pieces) EXPECT_NE(std::string(e.what()).find(piece), std::string::npos) << "'" << piece << "' in: " << e.what();
+    for (const char* piece : pieces)
+      EXPECT_NE(std::string(e.what()).find(piece), std::string::npos) << "'" << piece << "' in: " << e.what();
   }
 }
 

@@ -69,7 +69,8 @@ TEST(Images, BadFilesAreNamed) {
   }
   expect_error([&] { load_image(folder.path("missing.png")); }, ErrorCode::io, {"missing.png", "No such file"});
   expect_error([&] { load_image(folder.write("empty.png", "")); }, ErrorCode::io, {"empty.png", "empty"});
-  expect_error([&] { load_image(folder.write("text.png", "this is not a picture\n")); }, ErrorCode::io, {"text.png", "not an image"});
+  expect_error([&] { load_image(folder.write("text.png", "this is not a picture\n")); }, ErrorCode::io,
+               {"text.png", "not an image"});
   expect_error([&] { load_image(folder.path("")); }, ErrorCode::io, {"folder"});
 }
 
@@ -126,8 +127,10 @@ TEST(Depth, WrongKindsAreNamed) {
   cv::imwrite(folder.path("nan.tiff"), cv::Mat(10, 10, CV_32FC1, cv::Scalar(NAN)));
   expect_error([&] { load_depth(folder.path("8bit.png"), 1000); }, ErrorCode::invalid_argument, {"8bit.png", "8-bit"});
   expect_error([&] { load_depth(folder.path("colour.png"), 1000); }, ErrorCode::invalid_argument, {"colour.png", "3 channels"});
-  expect_error([&] { load_depth(folder.path("zero.png"), 1000); }, ErrorCode::invalid_argument, {"zero.png", "no pixel with depth"});
-  expect_error([&] { load_depth(folder.path("nan.tiff"), 1000); }, ErrorCode::invalid_argument, {"nan.tiff", "no pixel with depth"});
+  expect_error([&] { load_depth(folder.path("zero.png"), 1000); }, ErrorCode::invalid_argument,
+               {"zero.png", "no pixel with depth"});
+  expect_error([&] { load_depth(folder.path("nan.tiff"), 1000); }, ErrorCode::invalid_argument,
+               {"nan.tiff", "no pixel with depth"});
 }
 
 TEST(Output, WholeOrNotAtAll) {

@@ -36,7 +36,8 @@ TEST(Metrics, RotationByHand) {
 }
 
 TEST(Metrics, TheErrorIsOfT10NotOfItsInverse) {
-  // Camera 1 looks back: R = 180 degrees about y. |t - t_true| of T_10 is 0.3, of the camera centres too, but in other directions.
+  // Camera 1 looks back: R = 180 degrees about y. |t - t_true| of T_10 is 0.3, of the camera centres too, but in other
+  // directions.
   const SE3 truth{Eigen::Vector3d(-1, 1, -1).asDiagonal(), {0, 0, 4}};
   const SE3 estimate{Eigen::Vector3d(-1, 1, -1).asDiagonal(), {0, 0, 4.3}};
   EXPECT_NEAR(pose_error(kCamera, two_features(), estimate, truth).e_transl, 0.3, 1e-12);

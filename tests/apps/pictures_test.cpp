@@ -29,20 +29,24 @@ double mean_difference(const cv::Mat& warped, const cv::Mat& grey_0, double gain
   double sum = 0, n = 0;
   for (int v = 0; v < warped.rows; ++v)
     for (int u = 0; u < warped.cols; ++u)
-      if (const float x = warped.at<float>(v, u); !std::isnan(x)) sum += std::abs((x - bias) / gain - grey_0.at<uchar>(v, u)), n += 1;
+      if (const float x = warped.at<float>(v, u); !std::isnan(x))
+        sum += std::abs((x - bias) / gain - grey_0.at<uchar>(v, u)), n += 1;
   EXPECT_GT(n, 0.7 * static_cast<double>(warped.total()));
   return sum / n;
 }
 
 TEST(Scene, TruthDepthAndExposureAgree) {
-  // Warped by the exact depth and pose, the target must be the reference but for exposure and interpolation: this ties the scene's frames,
-  // its depth and the warp's direction together.
+  // Warped by the exact depth and pose, the target must be the reference but for exposure and interpolation: this ties the
+  // scene's frames, its depth and the warp's direction together.
   const PairInput pair = scene_input(demo_motion());
   const cv::Mat grey_0 = grey_8bit(pair.image_0), grey_1 = grey_8bit(pair.image_1);
   const SceneOptions defaults;
-  const double right = mean_difference(warp_target(grey_1, pair.depth_0, pair.camera, *pair.truth), grey_0, defaults.gain, defaults.bias);
-  const double start = mean_difference(warp_target(grey_1, pair.depth_0, pair.camera, SE3()), grey_0, defaults.gain, defaults.bias);
-  const double inverted = mean_difference(warp_target(grey_1, pair.depth_0, pair.camera, pair.truth->inverse()), grey_0, defaults.gain, defaults.bias);
+  const double right =
+      mean_difference(warp_target(grey_1, pair.depth_0, pair.camera, *pair.truth), grey_0, defaults.gain, defaults.bias);
+  const double start =
+      mean_difference(warp_target(grey_1, pair.depth_0, pair.camera, SE3()), grey_0, defaults.gain, defaults.bias);
+  const double inverted = mean_difference(warp_target(grey_1, pair.depth_0, pair.camera, pair.truth->inverse()), grey_0,
+                                          defaults.gain, defaults.bias);
   EXPECT_LT(right, 4);
   EXPECT_GT(start, 5 * right);
   EXPECT_GT(inverted, 5 * right);

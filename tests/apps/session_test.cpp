@@ -63,7 +63,8 @@ TEST(Session, FindsTheTruthAndReportsIt) {
   EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel, 0.2);
 
   const auto json = to_json(pair, result, session);
-  for (const char* key : {"status", "T_10", "covariance", "stages", "levels", "features", "visible_fraction", "device", "timing_ms"})
+  for (const char* key :
+       {"status", "T_10", "covariance", "stages", "levels", "features", "visible_fraction", "device", "timing_ms"})
     EXPECT_TRUE(json.contains(key)) << key;
   EXPECT_EQ(json["status"], "converged");
   expect_matrix(json["T_10"], 4);
@@ -81,7 +82,8 @@ TEST(Session, FindsTheTruthAndReportsIt) {
   EXPECT_EQ(json["levels"].size(), 4u);
   EXPECT_EQ(json["levels"][0]["level"], 3);
   ASSERT_EQ(json["features"].size(), static_cast<size_t>(pair.features.size()));
-  for (const char* key : {"u0", "v0", "inverse_depth", "u1", "v1", "status"}) EXPECT_TRUE(json["features"][0].contains(key)) << key;
+  for (const char* key : {"u0", "v0", "inverse_depth", "u1", "v1", "status"})
+    EXPECT_TRUE(json["features"][0].contains(key)) << key;
   expect_finite(json);
   EXPECT_EQ(to_json(pair, result, session).dump(), json.dump());
 
@@ -230,14 +232,27 @@ TEST(PairLoader, SizesMustAgree) {
   options.camera = load_camera("50,50,39.5,29.5");
   options.depth_scale = 1000;
   const PairLoader loader(options);
-  expect_error([&] { loader.load({folder.path("a.png"), folder.path("b.png"), folder.path("d.png"), ""}); }, ErrorCode::invalid_argument,
-               {"b.png", "81x60", "80x60"});
-  expect_error([&] { loader.load({folder.path("a.png"), folder.path("a.png"), folder.path("d.png"), ""}); }, ErrorCode::invalid_argument,
-               {"d.png", "80x61", "80x60"});
-  expect_error([&] { loader.load({folder.path("a.png"), folder.path("a.png"), "", ""}); }, ErrorCode::invalid_argument, {"--depth", "--features"});
+  expect_error(
+      [&] {
+        loader.load({folder.path("a.png"), folder.path("b.png"), folder.path("d.png"), ""});
+      },
+      ErrorCode::invalid_argument, {"b.png", "81x60", "80x60"});
+  expect_error(
+      [&] {
+        loader.load({folder.path("a.png"), folder.path("a.png"), folder.path("d.png"), ""});
+      },
+      ErrorCode::invalid_argument, {"d.png", "80x61", "80x60"});
+  expect_error(
+      [&] {
+        loader.load({folder.path("a.png"), folder.path("a.png"), "", ""});
+      },
+      ErrorCode::invalid_argument, {"--depth", "--features"});
   options.camera = load_camera("50,50,39.5,29.5,640,360");
-  expect_error([&] { PairLoader(options).load({folder.path("a.png"), folder.path("a.png"), folder.path("d.png"), ""}); },
-               ErrorCode::invalid_argument, {"640x360", "80x60"});
+  expect_error(
+      [&] {
+        PairLoader(options).load({folder.path("a.png"), folder.path("a.png"), folder.path("d.png"), ""});
+      },
+      ErrorCode::invalid_argument, {"640x360", "80x60"});
 }
 
 TEST(PairLoader, FeaturesAreUndistortedAtTheDoor) {
@@ -247,7 +262,8 @@ TEST(PairLoader, FeaturesAreUndistortedAtTheDoor) {
   options.camera = load_camera("300,300,159.5,119.5");
   options.distortion = parse_distortion("radtan:0.5,0,0,0");
   // x = 0.2: distorted to 0.2 (1 + 0.5 * 0.04) = 0.204.
-  const PairInput pair = PairLoader(options).load({folder.path("a.png"), folder.path("a.png"), "", folder.write("f.csv", "u,v,depth\n220.7,119.5,2\n")});
+  const PairInput pair = PairLoader(options).load(
+      {folder.path("a.png"), folder.path("a.png"), "", folder.write("f.csv", "u,v,depth\n220.7,119.5,2\n")});
   EXPECT_NEAR(pair.features.uv[0].x(), 159.5 + 300 * 0.2, 1e-3);
   EXPECT_NEAR(pair.features.uv[0].y(), 119.5, 1e-6);
 }
@@ -271,8 +287,10 @@ TEST(Session, RealPairsMeetTheIssue) {
       const RefinedAlignment result = session.run(pair);
       EXPECT_TRUE(result.converged()) << i << ": " << result.reason;
       const PoseError e = pose_error(pair.camera, pair.features, result.T_10, *p.T_10);
-      if (i < 3) degrees += e.e_rot * 180 / M_PI / 3, mm += 1e3 * e.e_transl / 3;
-      else EXPECT_LE(e.e_rot * 180 / M_PI, 0.55);
+      if (i < 3)
+        degrees += e.e_rot * 180 / M_PI / 3, mm += 1e3 * e.e_transl / 3;
+      else
+        EXPECT_LE(e.e_rot * 180 / M_PI, 0.55);
     }
     EXPECT_LE(degrees, undistort ? 0.20 : 0.25);
     EXPECT_LE(mm, undistort ? 3.5 : 6.5);

@@ -102,8 +102,10 @@ TEST(PoseText, Errors) {
   expect_error(load("2 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"), ErrorCode::invalid_argument, {"--truth", "rotation"});
   expect_error(load("-1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1"), ErrorCode::invalid_argument, {"--truth"});  // a mirror
   expect_error(load("1 2 3"), ErrorCode::invalid_argument, {"--truth", "3 numbers"});
-  expect_error([&] { load_pose(folder.write("p.txt", "1 2 three 0 0 0 1"), "--truth"); }, ErrorCode::invalid_argument, {"p.txt", "'three'"});
-  expect_error([&] { load_pose(folder.write("p.txt", "1 2 nan 0 0 0 1"), "--truth"); }, ErrorCode::invalid_argument, {"p.txt", "finite"});
+  expect_error([&] { load_pose(folder.write("p.txt", "1 2 three 0 0 0 1"), "--truth"); }, ErrorCode::invalid_argument,
+               {"p.txt", "'three'"});
+  expect_error([&] { load_pose(folder.write("p.txt", "1 2 nan 0 0 0 1"), "--truth"); }, ErrorCode::invalid_argument,
+               {"p.txt", "finite"});
   expect_error([&] { load_pose(folder.path("none.txt"), "--truth"); }, ErrorCode::io, {"none.txt"});
 }
 
