@@ -90,7 +90,7 @@ TEST(Bench, PairsAreDistinctAndTheirTruthHolds) {
     EXPECT_GT(unmoved / count, 0.5);
   }
   EXPECT_EQ(memory.size(), 20u);
-  for (size_t i = 1; i < pairs.size(); ++i) EXPECT_GT(cv::norm(pairs[i].grey_0, pairs[0].grey_0, cv::NORM_L1), 1e5) << i;
+  for (size_t i = 1; i < pairs.size(); ++i) EXPECT_GT(cv::norm(pairs[i].grey_0, pairs[0].grey_0, cv::NORM_L1), 3e4) << i;  // at least in noise
 }
 
 TEST(Bench, EveryMethodSolvesWhatItIsTimedOn) {
