@@ -180,7 +180,8 @@ INSTANTIATE_TEST_SUITE_P(All, Overlap, testing::Values(Way::cpu, Way::host, Way:
 
 class Dense : public Solvers {
  protected:
-  static Alignment align(Way way, const Relief& scene, const Frame& image0, const Frame& image1, const Frame& q, const AlignerOptions& options) {
+  static Alignment align(Way way, const Relief& scene, const Frame& image0, const Frame& image1, const Frame& q,
+                         const AlignerOptions& options) {
     Plan plan = plan_for(scene.camera);
     plan.dense = true;
     const auto aligner = make_aligner(way, plan, options);
@@ -233,10 +234,10 @@ TEST_P(Dense, WithoutAnyDepthThereAreTooFewFeatures) {
 
 INSTANTIATE_TEST_SUITE_P(All, Dense, testing::Values(Way::cpu, Way::host, Way::device), way_name);
 
-// Noise on both images: the squared error of the pose, measured in the covariance that is stated for it, is 6 in the mean (chi square
-// of 6 degrees of freedom) where the covariance is exact: so it is between pixel-aligned images of little noise. In general it is
-// about 12 (sigma stated 0.7 of the true one): interpolation makes residuals smaller than the noise that moves the pose, and the
-// template's own noise counts as texture. A covariance of wrong scale, order or frame is far outside.
+// Noise on both images: the squared error of the pose, measured in the covariance that is stated for it, is 6 in the mean (chi
+// square of 6 degrees of freedom) where the covariance is exact: so it is between pixel-aligned images of little noise. In
+// general it is about 12 (sigma stated 0.7 of the true one): interpolation makes residuals smaller than the noise that moves
+// the pose, and the template's own noise counts as texture. A covariance of wrong scale, order or frame is far outside.
 TEST(Covariance, MatchesTheErrorOfManyNoisyPairs) {
   Relief scene;
   scene.shortest = 12;  // the error of interpolating finer texture is no noise

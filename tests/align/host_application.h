@@ -14,8 +14,8 @@ namespace iclk::test {
 
 using namespace engine;  // NOLINT: a test's vocabulary
 
-/// An application in small: its own instance with validation and a device with one queue of the family that requirements() permits
-/// (compute without graphics where there is one).
+/// An application in small: its own instance with validation and a device with one queue of the family that requirements()
+/// permits (compute without graphics where there is one).
 class Application {
  public:
   Application() : instance(true, report_validation) {
@@ -24,7 +24,8 @@ class Application {
     std::vector<DeviceInfo> infos;
     for (VkPhysicalDevice one : all) infos.push_back(info_of(vk, one, capabilities_of(vk, one)));
     physical = all[choose_device(infos, watched_options().device).index];
-    family = static_cast<uint32_t>(choose_queue_family(capabilities_of(vk, physical).queue_families, requirements().queue_flags));
+    family =
+        static_cast<uint32_t>(choose_queue_family(capabilities_of(vk, physical).queue_families, requirements().queue_flags));
     const float priority = 1;
     VkDeviceQueueCreateInfo queue_info{VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO};
     queue_info.queueFamilyIndex = family;
@@ -113,7 +114,8 @@ struct ApplicationImage {
     barrier.newLayout = VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL;
     const VkPipelineStageFlags transfer = VK_PIPELINE_STAGE_TRANSFER_BIT, compute = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
     app.functions.CmdPipelineBarrier(commands, transfer | compute, transfer, 0, 0, nullptr, 0, nullptr, 1, &barrier);
-    const VkBufferImageCopy region{0, 0, 0, {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1}, {0, 0, 0}, {foreign.width, foreign.height, 1}};
+    const VkBufferImageCopy region{
+        0, 0, 0, {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1}, {0, 0, 0}, {foreign.width, foreign.height, 1}};
     app.copy_to_image(commands, staging[id].handle, image, VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, 1, &region);
     barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
     barrier.dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_TRANSFER_READ_BIT;

@@ -22,9 +22,9 @@ std::string refusal(Call&& call, ErrorCode code = ErrorCode::invalid_argument) {
   return "accepted";
 }
 
-#define EXPECT_SAYS(message, part)                                                       \
-  do {                                                                                   \
-    const std::string said = message;                                                    \
+#define EXPECT_SAYS(message, part)                                                               \
+  do {                                                                                           \
+    const std::string said = message;                                                            \
     EXPECT_NE(said.find(part), std::string::npos) << "expected: " << part << "\nsaid: " << said; \
   } while (false)
 
@@ -102,10 +102,13 @@ TEST_P(Input, EveryErrorNamesItsValue) {
   EXPECT_SAYS(reference([](Reference& r) { r.image.row_stride = 639; }), "row stride of 639 bytes");
   EXPECT_SAYS(reference([](Reference& r) { r.camera.fx = 0; }), "focal length");
   EXPECT_SAYS(reference([](Reference& r) { r.camera.cy = kNaN; }), "nan");
-  EXPECT_SAYS(reference([](Reference& r) { r.camera.width = 320; }), "camera is for 320x120 images, the reference image is 160x120");
-  EXPECT_SAYS(reference([&](Reference& r) { r.features = random_features(scene, way() == Way::split ? 601 : 51); }), "features, the plan holds");
+  EXPECT_SAYS(reference([](Reference& r) { r.camera.width = 320; }),
+              "camera is for 320x120 images, the reference image is 160x120");
+  EXPECT_SAYS(reference([&](Reference& r) { r.features = random_features(scene, way() == Way::split ? 601 : 51); }),
+              "features, the plan holds");
   EXPECT_SAYS(reference([](Reference& r) { r.features.inverse_depth.pop_back(); }), "20 feature pixels but 19 inverse depths");
-  EXPECT_SAYS(reference([](Reference& r) { r.features.inverse_depth_sigma = {0.1}; }), "20 feature pixels but 1 inverse depth sigmas");
+  EXPECT_SAYS(reference([](Reference& r) { r.features.inverse_depth_sigma = {0.1}; }),
+              "20 feature pixels but 1 inverse depth sigmas");
 
   const auto pair = [&](auto change) {
     Pair p{0, image.view(), {}, {}};
@@ -150,19 +153,20 @@ TEST_P(Input, UnusableFeaturesAreLeftOutOneByOne) {
   };
   const double q = 0.25;
   const std::vector<Bad> bad = {
-      {{kNaN, 50}, q, FeatureCheck::not_finite},          {{50, kInf}, q, FeatureCheck::not_finite},
-      {{50, 50}, kNaN, FeatureCheck::not_finite},         {{50, 50}, kInf, FeatureCheck::not_finite},
-      {{50, 50}, -kInf, FeatureCheck::not_finite},        {{50, 50}, 0, FeatureCheck::no_depth},
-      {{50, 50}, -0.25, FeatureCheck::no_depth},          {{-5, 50}, q, FeatureCheck::outside_image},
-      {{1e300, 50}, q, FeatureCheck::outside_image},      {{50, -1e300}, q, FeatureCheck::outside_image},
-      {{2.99, 50}, q, FeatureCheck::outside_image},       {{50, 2.99}, q, FeatureCheck::outside_image},
-      {{156, 50}, q, FeatureCheck::outside_image},        {{50, 116}, q, FeatureCheck::outside_image},
+      {{kNaN, 50}, q, FeatureCheck::not_finite},     {{50, kInf}, q, FeatureCheck::not_finite},
+      {{50, 50}, kNaN, FeatureCheck::not_finite},    {{50, 50}, kInf, FeatureCheck::not_finite},
+      {{50, 50}, -kInf, FeatureCheck::not_finite},   {{50, 50}, 0, FeatureCheck::no_depth},
+      {{50, 50}, -0.25, FeatureCheck::no_depth},     {{-5, 50}, q, FeatureCheck::outside_image},
+      {{1e300, 50}, q, FeatureCheck::outside_image}, {{50, -1e300}, q, FeatureCheck::outside_image},
+      {{2.99, 50}, q, FeatureCheck::outside_image},  {{50, 2.99}, q, FeatureCheck::outside_image},
+      {{156, 50}, q, FeatureCheck::outside_image},   {{50, 116}, q, FeatureCheck::outside_image},
   };
   for (const Bad& b : bad) {
     all.uv.push_back(b.uv);
     all.inverse_depth.push_back(b.q);
   }
-  for (const Eigen::Vector2d& uv : {Eigen::Vector2d(3, 3), Eigen::Vector2d(155.99, 115.99)})  // the last places with a whole patch
+  for (const Eigen::Vector2d& uv :
+       {Eigen::Vector2d(3, 3), Eigen::Vector2d(155.99, 115.99)})  // the last places with a whole patch
     for (Features* f : {&all, &good}) {
       f->uv.push_back(uv);
       f->inverse_depth.push_back(1 / scene.depth(uv));
@@ -269,7 +273,8 @@ std::vector<uint8_t> encode(const Frame& frame, PixelFormat format) {
   const size_t size = bytes_per_pixel(format) / static_cast<size_t>(n);
   const bool bgr = format == PixelFormat::bgr8 || format == PixelFormat::bgra8 || format == PixelFormat::bgr16;
   for (size_t i = 0; i < frame.data.size(); ++i) {
-    const float grey = std::clamp(frame.data[i], 0.0f, 1.0f), other = std::clamp(frame.data[(i + 37) % frame.data.size()], 0.0f, 1.0f);
+    const float grey = std::clamp(frame.data[i], 0.0f, 1.0f),
+                other = std::clamp(frame.data[(i + 37) % frame.data.size()], 0.0f, 1.0f);
     const float rgba[4] = {grey, 0.5f * (grey + other), other, 1.0f};
     for (int c = 0; c < n; ++c) {
       const float value = n == 1 ? grey : rgba[bgr && c < 3 ? 2 - c : c];
@@ -297,7 +302,8 @@ TEST(Formats, EveryHostFormatThroughEveryDeviceFormat) {
   const Features features = random_features(scene, 40);
   const Frame image0 = render(scene, 0), image1 = render(scene, 1);
   std::vector<std::unique_ptr<Aligner>> devices;
-  const std::vector<PixelFormat> device_formats{PixelFormat::r8, PixelFormat::rgba8, PixelFormat::bgra8, PixelFormat::r32f, PixelFormat::rgba32f};
+  const std::vector<PixelFormat> device_formats{PixelFormat::r8, PixelFormat::rgba8, PixelFormat::bgra8, PixelFormat::r32f,
+                                                PixelFormat::rgba32f};
   Plan plan = plan_for(scene.camera);
   const auto cpu = make_cpu_aligner(plan);
   for (PixelFormat format : device_formats) {
@@ -317,9 +323,10 @@ TEST(Formats, EveryHostFormatThroughEveryDeviceFormat) {
     for (size_t d = 0; d < devices.size(); ++d) {
       const Alignment a = run(*devices[d]);
       // What was rounded to 8 bits on the way may be a little off; the rest is the same image.
-      const bool exact = device_formats[d] == PixelFormat::r32f || device_formats[d] == PixelFormat::rgba32f ||
-                         (bytes_per_pixel(format) == static_cast<size_t>(channels(format)) && device_formats[d] != PixelFormat::r8) ||
-                         device_formats[d] == format;
+      const bool exact =
+          device_formats[d] == PixelFormat::r32f || device_formats[d] == PixelFormat::rgba32f ||
+          (bytes_per_pixel(format) == static_cast<size_t>(channels(format)) && device_formats[d] != PixelFormat::r8) ||
+          device_formats[d] == format;
       EXPECT_EQ(a.status, expected.status) << a.reason;
       EXPECT_LT(distance(a.T_10, expected.T_10, scene.distance), exact ? 2e-6 : 5e-4)
           << "host format " << f << ", device format " << static_cast<int>(device_formats[d]);
@@ -329,10 +336,12 @@ TEST(Formats, EveryHostFormatThroughEveryDeviceFormat) {
 
 TEST(Formats, APlanOfAnotherFormatIsRefused) {
   ICLK_NEED_DEVICE();
-  for (PixelFormat format : {PixelFormat::rgb8, PixelFormat::bgr8, PixelFormat::r16, PixelFormat::rgb16, PixelFormat::bgr16, PixelFormat::rgb32f}) {
+  for (PixelFormat format :
+       {PixelFormat::rgb8, PixelFormat::bgr8, PixelFormat::r16, PixelFormat::rgb16, PixelFormat::bgr16, PixelFormat::rgb32f}) {
     Plan plan{160, 120};
     plan.format = format;
-    EXPECT_SAYS(refusal([&] { make_device_aligner(device(), plan); }), "Plan::format must be r8, rgba8, bgra8, r32f or rgba32f");
+    EXPECT_SAYS(refusal([&] { make_device_aligner(device(), plan); }),
+                "Plan::format must be r8, rgba8, bgra8, r32f or rgba32f");
     EXPECT_SAYS(refusal([&] { DeviceAligner::workspace_size(*device(), plan, {}, Solver::host); }), "Plan::format");
   }
   EXPECT_SAYS(refusal([&] { make_device_aligner(device(), Plan{160, 120}, {}, Solver::cpu); }), "make_cpu_aligner");
@@ -348,7 +357,8 @@ TEST(Size, AHugeImageFitsOrIsRefusedWithNumbers) {
     try {
       const auto bytes = DeviceAligner::workspace_size(*device(), plan, {}, Solver::device);
       EXPECT_GT(bytes.device, 8192u * 8192u * 2u);  // pixels of both images at least
-      std::printf("  8192x8192 %s needs %.0f MiB and fits\n", dense ? "dense" : "sparse", static_cast<double>(bytes.total()) / (1 << 20));
+      std::printf("  8192x8192 %s needs %.0f MiB and fits\n", dense ? "dense" : "sparse",
+                  static_cast<double>(bytes.total()) / (1 << 20));
     } catch (const Error& error) {
       EXPECT_EQ(error.code(), ErrorCode::unsupported);
       EXPECT_SAYS(error.what(), "8192x8192");

@@ -238,7 +238,8 @@ TEST(Weights, AreTheDerivativeOfTheirLossOverR) {
   for (Robust robust : {Robust::unit, Robust::huber, Robust::tukey, Robust::cauchy}) {
     for (double r = -0.6; r < 0.6; r += 0.0173) {
       const double h = 1e-6, slope = (loss(robust, r + h) - loss(robust, r - h)) / (2 * h);
-      EXPECT_NEAR(internal::robust_weight(robust, static_cast<float>(r), static_cast<float>(s)), slope / r, 1e-4) << static_cast<int>(robust) << " " << r;
+      EXPECT_NEAR(internal::robust_weight(robust, static_cast<float>(r), static_cast<float>(s)), slope / r, 1e-4)
+          << static_cast<int>(robust) << " " << r;
     }
     EXPECT_EQ(internal::robust_weight(robust, 0, static_cast<float>(s)), 1);
   }

@@ -14,7 +14,8 @@ namespace {
 std::vector<uint8_t> bytes_of(const Frame& frame, int channels) {
   std::vector<uint8_t> out;
   for (float I : frame.data)
-    for (int c = 0; c < channels; ++c) out.push_back(c == 3 ? 255 : static_cast<uint8_t>(std::lround(255 * std::clamp(I, 0.0f, 1.0f))));
+    for (int c = 0; c < channels; ++c)
+      out.push_back(c == 3 ? 255 : static_cast<uint8_t>(std::lround(255 * std::clamp(I, 0.0f, 1.0f))));
   return out;
 }
 
@@ -66,8 +67,11 @@ TEST(Recording, TwoAlignmentsInOneCommandBufferAreThoseOfAlign) {
   const auto context = app.adopt();
   const Relief a = moved(0.05, 0.01, 1), b = moved(-0.04, -0.012, 2);
   const Features fa = random_features(a, 50, 1), fb = random_features(b, 40, 2);
-  const auto a0 = bytes_of(render(a, 0), 4), a1 = bytes_of(render(a, 1), 4), b0 = bytes_of(render(b, 0), 4), b1 = bytes_of(render(b, 1), 4);
-  const auto view = [](const std::vector<uint8_t>& pixels) { return ImageView{pixels.data(), 160, 120, 0, PixelFormat::rgba8}; };
+  const auto a0 = bytes_of(render(a, 0), 4), a1 = bytes_of(render(a, 1), 4), b0 = bytes_of(render(b, 0), 4),
+             b1 = bytes_of(render(b, 1), 4);
+  const auto view = [](const std::vector<uint8_t>& pixels) {
+    return ImageView{pixels.data(), 160, 120, 0, PixelFormat::rgba8};
+  };
 
   Plan plan = plan_for(a.camera);
   plan.format = PixelFormat::rgba8;
@@ -200,8 +204,8 @@ struct Allocations {
   static inline PFN_vkAllocateMemory next_allocate = nullptr;
   static inline VkDeviceSize bytes = 0;
 
-  static VKAPI_ATTR VkResult VKAPI_CALL allocate(VkDevice device, const VkMemoryAllocateInfo* info, const VkAllocationCallbacks* callbacks,
-                                                 VkDeviceMemory* memory) {
+  static VKAPI_ATTR VkResult VKAPI_CALL allocate(VkDevice device, const VkMemoryAllocateInfo* info,
+                                                 const VkAllocationCallbacks* callbacks, VkDeviceMemory* memory) {
     bytes += info->allocationSize;
     return next_allocate(device, info, callbacks, memory);
   }
@@ -223,8 +227,15 @@ TEST(Recording, WorkspaceSizeIsWhatIsAllocatedAndAligningAllocatesNothing) {
   ICLK_NEED_DEVICE();
   Application app;
   Allocations::next_instance = app.instance.get_instance_proc_addr();
-  const auto context = adopt_device({app.instance.handle(), app.physical, app.device, app.queue, app.family,
-                                     Allocations::get_instance_proc_addr, {}, {}, {}});
+  const auto context = adopt_device({app.instance.handle(),
+                                     app.physical,
+                                     app.device,
+                                     app.queue,
+                                     app.family,
+                                     Allocations::get_instance_proc_addr,
+                                     {},
+                                     {},
+                                     {}});
   const Relief scene = moved(0.03, 0.008, 1);
   const Features features = random_features(scene, 50);
   const Frame image0 = render(scene, 0), image1 = render(scene, 1);
@@ -279,7 +290,8 @@ TEST(Recording, WhatCannotBeRecordedIsRefusedByName) {
   const DeviceReference reference{0, image.foreign, scene.camera, random_features(scene, 20)};
   const DevicePair pair{0, image.foreign, {}, {}};
 
-  const auto refused = [&](auto change, ErrorCode code = ErrorCode::invalid_argument, DeviceAligner* with = nullptr) -> std::string {
+  const auto refused = [&](auto change, ErrorCode code = ErrorCode::invalid_argument,
+                           DeviceAligner* with = nullptr) -> std::string {
     std::vector<DeviceReference> references{reference};
     std::vector<DevicePair> pairs{pair};
     change(references, pairs);
@@ -293,7 +305,9 @@ TEST(Recording, WhatCannotBeRecordedIsRefusedByName) {
   };
   using References = std::vector<DeviceReference>;
   using Pairs = std::vector<DevicePair>;
-  const auto expect = [](const std::string& message, const std::string& part) { EXPECT_NE(message.find(part), std::string::npos) << message; };
+  const auto expect = [](const std::string& message, const std::string& part) {
+    EXPECT_NE(message.find(part), std::string::npos) << message;
+  };
   const auto foreign = [](DeviceImage& i) -> ForeignImage& { return std::get<ForeignImage>(i); };
 
   expect(refused([&](References&, Pairs& p) { p.push_back(pair); }), "2 pairs, the recording holds 1 to 1");
@@ -305,16 +319,19 @@ TEST(Recording, WhatCannotBeRecordedIsRefusedByName) {
   expect(refused([&](References& r, Pairs&) { r[0].camera.fx = 0; }), "focal length");
   expect(refused([&](References& r, Pairs&) { r[0].features = random_features(scene, 51); }), "51 features, the plan holds 50");
   expect(refused([&](References& r, Pairs&) { foreign(r[0].image).handle = VK_NULL_HANDLE; }), "VkImage is null");
-  expect(refused([&](References&, Pairs& p) { foreign(p[0].target).handle = VK_NULL_HANDLE; }), "pair 0, target: the VkImage is null");
+  expect(refused([&](References&, Pairs& p) { foreign(p[0].target).handle = VK_NULL_HANDLE; }),
+         "pair 0, target: the VkImage is null");
   expect(refused([&](References&, Pairs& p) { foreign(p[0].target).width = 80; }), "80x120, the plan was made for 160x120");
-  expect(refused([&](References&, Pairs& p) { foreign(p[0].target).format = VK_FORMAT_B8G8R8A8_UNORM; }), "not the plan's pixel format");
+  expect(refused([&](References&, Pairs& p) { foreign(p[0].target).format = VK_FORMAT_B8G8R8A8_UNORM; }),
+         "not the plan's pixel format");
   expect(refused([&](References&, Pairs& p) { p[0].target = DeviceBufferImage{}; }), "VkBuffer is null");
   expect(refused([&](References&, Pairs& p) { p[0].T_10.t.x() = NAN; }), "initial pose is not finite");
   expect(refused([&](References&, Pairs& p) { p[0].T_10.R *= 2; }), "determinant");
   PosePrior prior;
   prior.information(0, 1) = 1;
   expect(refused([&](References&, Pairs& p) { p[0].prior = prior; }), "not symmetric");
-  expect(refused([&](References& r, Pairs&) { r[0].features.inverse_depth.pop_back(); }), "20 feature pixels but 19 inverse depths");
+  expect(refused([&](References& r, Pairs&) { r[0].features.inverse_depth.pop_back(); }),
+         "20 feature pixels but 19 inverse depths");
   expect(refused([&](References&, Pairs& p) { foreign(p[0].target).layout = VK_IMAGE_LAYOUT_UNDEFINED; }), "layout");
   MemoryPlan buffers;
   const BufferId id = buffers.add("pixels", kBytes, MemoryKind::upload, BufferUse::transfer);

@@ -12,8 +12,8 @@
 
 namespace iclk::test {
 
-/// Every way to solve. `split` is the device solver on levels too large for one workgroup (normal_equations.comp and lm_step.comp in
-/// place of iterate.comp): a plan for more features than it gets is enough to take it.
+/// Every way to solve. `split` is the device solver on levels too large for one workgroup (normal_equations.comp and
+/// lm_step.comp in place of iterate.comp): a plan for more features than it gets is enough to take it.
 enum class Way { cpu, host, device, split };
 constexpr int kSplitFeatures = 600;  // more than WorkgroupSizes::fused_elements / 64 of any device type
 
@@ -38,7 +38,8 @@ inline std::unique_ptr<Aligner> make_aligner(Way way, Plan plan, const AlignerOp
 
 /// One pair with 50 features, prepared and aligned.
 inline Alignment align_once(Way way, const Relief& scene, const Frame& image0, const Frame& image1, const Features& features,
-                            const AlignerOptions& options = {}, const SE3& start = {}, const std::optional<PosePrior>& prior = {}) {
+                            const AlignerOptions& options = {}, const SE3& start = {},
+                            const std::optional<PosePrior>& prior = {}) {
   const auto aligner = make_aligner(way, plan_for(scene.camera, features.size()), options);
   aligner->set_reference(0, {image0.view(), scene.camera, features, {}});
   return aligner->align(Pair{0, image1.view(), start, prior});

@@ -193,7 +193,8 @@ struct Combination {
 
 class Agreement : public testing::TestWithParam<Combination> {};
 
-// The same pose, status, iterations and robust scales from every solver; the worst difference of this suite was 2e-5 of the motion.
+// The same pose, status, iterations and robust scales from every solver; the worst difference of this suite was 2e-5 of the
+// motion.
 TEST_P(Agreement, OfAllSolvers) {
   ICLK_NEED_DEVICE();
   Relief scene;
@@ -256,8 +257,8 @@ std::vector<Combination> combinations() {
 
 std::string combination_name(const testing::TestParamInfo<Combination>& info) {
   constexpr const char* robust[] = {"unit", "huber", "tukey", "cauchy"};
-  return std::string(robust[static_cast<int>(info.param.robust)]) + (info.param.damping == Damping::fixed ? "_fixed" : "_adaptive") +
-         (info.param.photometric ? "_photometric" : "");
+  return std::string(robust[static_cast<int>(info.param.robust)]) +
+         (info.param.damping == Damping::fixed ? "_fixed" : "_adaptive") + (info.param.photometric ? "_photometric" : "");
 }
 
 INSTANTIATE_TEST_SUITE_P(All, Agreement, testing::ValuesIn(combinations()), combination_name);

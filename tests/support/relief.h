@@ -15,8 +15,8 @@
 namespace iclk::test {
 
 /// A textured relief seen by two cameras. Texture and depth are analytic functions of image 0's pixels, so image 0 is exact and
-/// image 1 is exact up to the intersection of its rays with the relief (1e-9 px): any error is the method's. Unlike a plane, a relief
-/// tells a sideways motion from a turn.
+/// image 1 is exact up to the intersection of its rays with the relief (1e-9 px): any error is the method's. Unlike a plane, a
+/// relief tells a sideways motion from a turn.
 struct Relief {
   Camera camera{130, 130, 79.5, 59.5, 160, 120};
   SE3 T_10;                       ///< camera 1: X1 = T_10 X0
@@ -24,12 +24,12 @@ struct Relief {
   double depth_amplitude = 0.25;  ///< of the relief, share of the distance
   double shortest = 7;            ///< finest wavelength of the texture, px
   double longest = 200;
-  int waves = 24;                 ///< log-spaced
-  double contrast = 0.05;         ///< amplitude of one wave
+  int waves = 24;                   ///< log-spaced
+  double contrast = 0.05;           ///< amplitude of one wave
   std::optional<double> direction;  ///< of every wave (rad): edges of one direction only
-  double gain = 1, bias = 0;      ///< I1 = gain I0 + bias
-  double noise = 0;               ///< standard deviation of what is added to every pixel of both images
-  uint32_t seed = 1;              ///< of the texture
+  double gain = 1, bias = 0;        ///< I1 = gain I0 + bias
+  double noise = 0;                 ///< standard deviation of what is added to every pixel of both images
+  uint32_t seed = 1;                ///< of the texture
 
   /// z of camera 0 at pixel uv of image 0, also beyond its border.
   double depth(const Eigen::Vector2d& uv) const {
@@ -37,7 +37,9 @@ struct Relief {
     return distance * (1 + depth_amplitude * std::sin(1.3 * a + 0.5) * std::cos(1.1 * b + 0.2));
   }
   /// Where the pixel of image 0 is in image 1.
-  Eigen::Vector2d seen_from(const SE3& T, const Eigen::Vector2d& uv0) const { return camera.project(T * (camera.ray(uv0) * depth(uv0))); }
+  Eigen::Vector2d seen_from(const SE3& T, const Eigen::Vector2d& uv0) const {
+    return camera.project(T * (camera.ray(uv0) * depth(uv0)));
+  }
   Eigen::Vector2d truth(const Eigen::Vector2d& uv0) const { return seen_from(T_10, uv0); }
 };
 
@@ -56,7 +58,8 @@ class ReliefTexture {
     std::mt19937 random(r.seed);
     const auto uniform = [&] { return static_cast<double>(random()) / 4294967296.0; };
     for (int k = 0; k < r.waves; ++k) {
-      const double f = 2 * M_PI / (r.shortest * std::pow(r.longest / r.shortest, static_cast<double>(k) / std::max(1, r.waves - 1)));
+      const double f =
+          2 * M_PI / (r.shortest * std::pow(r.longest / r.shortest, static_cast<double>(k) / std::max(1, r.waves - 1)));
       const double turn = 2 * M_PI * uniform(), direction = r.direction.value_or(turn), phase = 2 * M_PI * uniform();
       waves_.emplace_back(f * std::cos(direction), f * std::sin(direction), phase);
     }
@@ -85,11 +88,15 @@ inline Frame render(const Relief& r, int which, uint32_t noise_seed = 0) {
     for (int u = 0; u < c.width; ++u) {
       Eigen::Vector2d at(u, v);
       if (which == 1) {
-        // Where X0(z) = T_01 (ray z) lies on the relief, X0.z = depth(project(X0)), by a fixed point that contracts on smooth reliefs.
+        // Where X0(z) = T_01 (ray z) lies on the relief, X0.z = depth(project(X0)), by a fixed point that contracts on smooth
+        // reliefs.
         const Eigen::Vector3d ray = T_01.R * c.ray(at);
         for (int i = 0; i < 60; ++i) {
           const Eigen::Vector3d X0 = ray * z + T_01.t;
-          if (!(X0.z() > 1e-3)) { z = r.distance; break; }
+          if (!(X0.z() > 1e-3)) {
+            z = r.distance;
+            break;
+          }
           at = c.project(X0);
           const double change = (r.depth(at) - X0.z()) / ray.z();
           z += change;
@@ -110,7 +117,8 @@ inline Features random_features(const Relief& r, int n, uint32_t seed = 1, doubl
   const auto uniform = [&] { return static_cast<double>(random()) / 4294967296.0; };
   Features features;
   for (int i = 0; i < n; ++i) {
-    const double u = border + uniform() * (r.camera.width - 1 - 2 * border), v = border + uniform() * (r.camera.height - 1 - 2 * border);
+    const double u = border + uniform() * (r.camera.width - 1 - 2 * border),
+                 v = border + uniform() * (r.camera.height - 1 - 2 * border);
     features.uv.emplace_back(u, v);
     features.inverse_depth.push_back(1 / r.depth({u, v}));
   }
