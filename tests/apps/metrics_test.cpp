@@ -33,6 +33,8 @@ TEST(Metrics, RotationByHand) {
   EXPECT_NEAR(e.e_pixel, std::hypot(du, dv) / 2, 1e-9);
   EXPECT_NEAR(e.e_rot, 0.1, 1e-12);
   EXPECT_EQ(e.e_transl, 0);
+  EXPECT_NEAR(pose_error(kCamera, two_features(), SE3::exp(4 * xi), SE3::exp(3 * xi)).e_rot, 0.1, 1e-9)
+      << "between the two, not their sum";
 }
 
 TEST(Metrics, TheErrorIsOfT10NotOfItsInverse) {
