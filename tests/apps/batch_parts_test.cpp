@@ -23,9 +23,10 @@ std::vector<const ManifestLine*> all_lines(const Manifest& manifest) {
   return lines;
 }
 
-DecodedPair decoded(int width = 8, int type = CV_8UC1) {
+DecodedPair decoded(int width = 8, int type_0 = CV_8UC1, int type_1 = CV_8UC1) {
   DecodedPair item;
-  item.pair.image_0 = item.pair.image_1 = cv::Mat(6, width, type, cv::Scalar::all(0));
+  item.pair.image_0 = cv::Mat(6, width, type_0, cv::Scalar::all(0));
+  item.pair.image_1 = cv::Mat(6, width, type_1, cv::Scalar::all(0));
   return item;
 }
 
@@ -151,7 +152,8 @@ TEST(DecodePool, GroupsHaveOneSizeAndType) {
   const auto lines = all_lines(manifest);
   const auto decode = [](const ManifestLine& line) {
     if (line.number % 10 == 0) throw Error(ErrorCode::io, "unreadable");
-    return decoded(line.number % 3 == 0 ? 8 : 16, line.number % 4 == 0 ? CV_8UC3 : CV_8UC1);
+    return decoded(line.number % 3 == 0 ? 8 : 16, line.number % 4 == 0 ? CV_8UC3 : CV_8UC1,
+                   line.number % 5 == 0 ? CV_8UC3 : CV_8UC1);
   };
   DecodePool pool(lines, decode, {3, 12, size_t{1} << 20});
   PairGroup group;
@@ -164,6 +166,7 @@ TEST(DecodePool, GroupsHaveOneSizeAndType) {
       EXPECT_EQ(item.error, group.items.front().error);
       EXPECT_EQ(item.pair.image_0.size(), group.items.front().pair.image_0.size());
       EXPECT_EQ(item.pair.image_0.type(), group.items.front().pair.image_0.type());
+      EXPECT_EQ(item.pair.image_1.type(), group.items.front().pair.image_1.type());
     }
   }
   std::sort(seen.begin(), seen.end());
