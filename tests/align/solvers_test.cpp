@@ -174,6 +174,21 @@ TEST_P(Pose, APriorPullsByItsInformation) {
     const PosePrior near{free.T_10 * SE3::exp(away), free.H / (options.residual_sigma * options.residual_sigma)};
     const Alignment half = align_once(way(), scene, image0, image1, features, options, {}, near);
     EXPECT_LT(((free.T_10.inverse() * half.T_10).log() - 0.5 * away).norm(), 0.1 * away.norm()) << static_cast<int>(damping);
+    // A far prior, where the coupling of rotation and translation in its derivative counts: every solver ends at the same
+    // compromise.
+    Vector6d far;
+    far << 0.8, -0.6, 0.5, 0.3, -0.25, 0.35;
+    Matrix6d information = 2000 * Matrix6d::Identity();
+    for (int i = 0; i < 6; ++i) information(i, i) *= 1 + i;
+    information(0, 4) = information(4, 0) = 1000;
+    const PosePrior weak{SE3::exp(far), information};
+    const Alignment compromise = align_once(way(), scene, image0, image1, features, options, {}, weak);
+    EXPECT_GT(distance(compromise.T_10, free.T_10, scene.distance), 1e-3);
+    if (way() != Way::cpu) {
+      const Alignment expected = align_once(Way::cpu, scene, image0, image1, features, options, {}, weak);
+      EXPECT_LT(distance(compromise.T_10, expected.T_10, scene.distance), 1e-5);
+      EXPECT_EQ(compromise.status, expected.status);
+    }
     // Only one direction is held: x of the translation.
     prior.information.setZero();
     prior.information(0, 0) = 1e13;
