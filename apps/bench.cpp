@@ -19,9 +19,12 @@ struct BenchCommand {
 };
 
 const char* const kFooter =
-    "Without --peers: ms a pair of every solver and of OpenCV's RgbdOdometry, on images made in code. A call takes references and targets\n"
-    "in host memory to poses in host memory; compilation and allocation come before the first. Settings of the aligner are its own.\n"
-    "With --peers: how right and how fast iclk and its competitors are on real sequences. Here the settings of `iclk align` hold.\n"
+    "Without --peers: ms a pair of every solver and of OpenCV's RgbdOdometry, on images made in code. A call takes references "
+    "and targets\n"
+    "in host memory to poses in host memory; compilation and allocation come before the first. Settings of the aligner are its "
+    "own.\n"
+    "With --peers: how right and how fast iclk and its competitors are on real sequences. Here the settings of `iclk align` "
+    "hold.\n"
     "cpu time is that of all threads of this process, which other work on the machine hardly disturbs.\n"
     "\n"
     "Examples:\n"
@@ -40,7 +43,8 @@ std::shared_ptr<engine::Context> open_device(std::string device) {
 
 void parse_size(const std::string& size, BenchOptions& options) {
   int used = 0;
-  if (std::sscanf(size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 || static_cast<size_t>(used) != size.size())
+  if (std::sscanf(size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
+      static_cast<size_t>(used) != size.size())
     throw Error(ErrorCode::invalid_argument, "--size: WIDTHxHEIGHT expected, like 640x480");
 }
 
@@ -66,27 +70,37 @@ void run(BenchCommand& command, int& exit) {
 }  // namespace
 
 void add_bench(CLI::App& app, int& exit) {
-  CLI::App* command = app.add_subcommand("bench", "Measure: ms a pair on images made in code, or (--peers) errors and times of the competitors");
+  CLI::App* command = app.add_subcommand(
+      "bench", "Measure: ms a pair on images made in code, or (--peers) errors and times of the competitors");
   auto options = std::make_shared<BenchCommand>();
   command->add_flag("--json", options->json, "JSON on standard output, and nothing else there");
   command->add_option("--features", options->bench.features, "Features a pair")->capture_default_str();
-  command->add_option("--pairs", options->bench.pairs, "Pairs in one call: one line each")->delimiter(',')->capture_default_str();
+  command->add_option("--pairs", options->bench.pairs, "Pairs in one call: one line each")
+      ->delimiter(',')
+      ->capture_default_str();
   command->add_option("--repetitions", options->bench.repetitions, "Repetitions of every figure")->capture_default_str();
   command->add_option("--size", options->size, "Images, WIDTHxHEIGHT")->capture_default_str();
   command->add_option("--only", options->bench.only, "Methods to measure, by the names in the table; default all");
   command->add_flag("--profile", options->bench.profile, "Also the device solver's time by stage");
-  auto* peers = command->add_flag("--peers", options->with_peers, "Compare with RgbdOdometry, KLT and SIFT on tum_fr1_360_5 and hololens_80");
-  command->add_option("--data", options->peers.data, "Folder that holds them; default ICLK_DATA, else ../shared/data")->needs(peers);
-  command->add_option("--distortion", options->peers.distortion, "Lens of tum_fr1_360_5: adds a run of it with undistorted images")->needs(peers);
+  auto* peers = command->add_flag("--peers", options->with_peers,
+                                  "Compare with RgbdOdometry, KLT and SIFT on tum_fr1_360_5 and hololens_80");
+  command->add_option("--data", options->peers.data, "Folder that holds them; default ICLK_DATA, else ../shared/data")
+      ->needs(peers);
+  command
+      ->add_option("--distortion", options->peers.distortion, "Lens of tum_fr1_360_5: adds a run of it with undistorted images")
+      ->needs(peers);
   command->add_option("--strides", options->peers.strides, "Of hololens_80: frame i against frame i + stride")
       ->delimiter(',')
       ->capture_default_str()
       ->needs(peers);
-  command->add_option("--max-pairs", options->peers.max_pairs, "Of a row, spread over the sequence; 0: all")->capture_default_str()->needs(peers);
+  command->add_option("--max-pairs", options->peers.max_pairs, "Of a row, spread over the sequence; 0: all")
+      ->capture_default_str()
+      ->needs(peers);
   const std::vector<CLI::Option*> own = command->get_options();
   options->run.add_to(*command);
-  for (const char* name : {"--dense", "--no-refine"}) command->remove_option(command->get_option(name));  // both ways are measured; depth is sparse
-  for (CLI::Option* option : command->get_options())  // what is left sets up iclk among its peers
+  for (const char* name : {"--dense", "--no-refine"})
+    command->remove_option(command->get_option(name));  // both ways are measured; depth is sparse
+  for (CLI::Option* option : command->get_options())    // what is left sets up iclk among its peers
     if (option->get_name() != "--device" && std::find(own.begin(), own.end(), option) == own.end()) option->needs(peers);
   command->footer(std::string(kFooter));
   command->callback([options, &exit] { run(*options, exit); });

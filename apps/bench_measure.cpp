@@ -19,7 +19,9 @@
 namespace iclk {
 namespace {
 
-double wall_now() { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count(); }
+double wall_now() {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
 
 double cpu_now() {
   rusage usage{};
@@ -35,10 +37,23 @@ int usable_cores() {
   return static_cast<int>(std::thread::hardware_concurrency());
 }
 
+double measure_cores(int cores) {
+  const Stopwatch watch;
+  std::vector<std::thread> threads;
+  for (int i = 0; i < cores; ++i)
+    threads.emplace_back([&watch] {
+      while (watch.wall_ms() < 250) {
+      }
+    });
+  for (std::thread& thread : threads) thread.join();
+  return watch.cpu_ms() / watch.wall_ms();
+}
+
 std::string processor_name() {
   std::ifstream info("/proc/cpuinfo");
   for (std::string line; std::getline(info, line);)
-    if (line.rfind("model name", 0) == 0 && line.find(':') != std::string::npos) return line.substr(std::min(line.size(), line.find(':') + 2));
+    if (line.rfind("model name", 0) == 0 && line.find(':') != std::string::npos)
+      return line.substr(std::min(line.size(), line.find(':') + 2));
   return "unknown processor";
 }
 
@@ -66,23 +81,29 @@ Spread spread(const std::vector<double>& values) {
 
 Machine describe_machine(const engine::Context* context) {
   Machine machine;
+  if (getloadavg(&machine.load, 1) != 1) machine.load = std::numeric_limits<double>::quiet_NaN();
   machine.device = context ? context->info().name : "no Vulkan device";
   machine.driver = context ? context->info().driver_name : "";
   machine.processor = processor_name();
   machine.cores = usable_cores();
+  machine.cores_got = measure_cores(machine.cores);
   machine.opencv_threads = cv::getNumThreads();
-  if (getloadavg(&machine.load, 1) != 1) machine.load = std::numeric_limits<double>::quiet_NaN();
   return machine;
 }
 
 nlohmann::ordered_json to_json(const Machine& m) {
-  return {{"device", m.device}, {"driver", m.driver}, {"processor", m.processor}, {"cores", m.cores}, {"opencv_threads", m.opencv_threads},
+  return {{"device", m.device},
+          {"driver", m.driver},
+          {"processor", m.processor},
+          {"cores", m.cores},
+          {"cores_got", number(m.cores_got)},
+          {"opencv_threads", m.opencv_threads},
           {"load_average", number(m.load)}};
 }
 
 std::string to_line(const Machine& m) {
-  return formatted("%s%s%s; %s, %d cores, load average %.1f\n", m.device.c_str(), m.driver.empty() ? "" : ", driver ", m.driver.c_str(),
-                   m.processor.c_str(), m.cores, m.load);
+  return formatted("%s%s%s; %s, %d cores of which this process got %.1f, load average %.1f\n", m.device.c_str(),
+                   m.driver.empty() ? "" : ", driver ", m.driver.c_str(), m.processor.c_str(), m.cores, m.cores_got, m.load);
 }
 
 Progress terminal_progress() {
@@ -99,7 +120,9 @@ Progress terminal_progress() {
   };
 }
 
-nlohmann::ordered_json number(double value) { return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json(); }
+nlohmann::ordered_json number(double value) {
+  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json();
+}
 
 std::string formatted(const char* format, ...) {
   va_list args, again;

@@ -10,8 +10,8 @@
 
 namespace iclk {
 
-/// Wall time, and processor time (user and system) of all threads of this process: what other processes hardly disturb. A software
-/// device runs in this process, a GPU does not.
+/// Wall time, and processor time (user and system) of all threads of this process: what other processes hardly disturb. A
+/// software device runs in this process, a GPU does not.
 class Stopwatch {
  public:
   Stopwatch() { restart(); }
@@ -35,11 +35,12 @@ Spread spread(const std::vector<double>& values);
 /// Where a figure was measured.
 struct Machine {
   std::string device, driver, processor;
-  int cores = 0;               ///< that this process may use
-  int opencv_threads = 0;      ///< OpenCV's own choice
-  double load = 0;             ///< average of the last minute when the measurement began
+  int cores = 0;           ///< that this process may use
+  double cores_got = 0;    ///< of these, what it got when the measurement began: other processes take the rest
+  int opencv_threads = 0;  ///< OpenCV's own choice
+  double load = 0;         ///< average of the last minute when the measurement began
 };
-/// `context`: null where no Vulkan device takes part.
+/// Keeps every core busy for a quarter of a second. `context`: null where no Vulkan device takes part.
 Machine describe_machine(const engine::Context* context);
 nlohmann::ordered_json to_json(const Machine& machine);
 std::string to_line(const Machine& machine);

@@ -10,7 +10,9 @@ using Json = nlohmann::ordered_json;
 
 const char* const kOdometry[] = {"RgbdOdometry", "RgbdOdometry, 1 thread"};
 
-int most_pairs(const BenchReport& report) { return *std::max_element(report.options.pairs.begin(), report.options.pairs.end()); }
+int most_pairs(const BenchReport& report) {
+  return *std::max_element(report.options.pairs.begin(), report.options.pairs.end());
+}
 
 double ratio(const BenchReport& report, const char* odometry) {
   return bench_wall(report, odometry, 1) / bench_wall(report, "device", most_pairs(report));
@@ -35,8 +37,10 @@ Json to_json(const BenchReport& report) {
                     {"median_e_pixel", number(r.error)}});
   for (const BenchProfile& p : report.profiles) {
     Json stages = Json::array();
-    for (const engine::StageTime& s : p.stages) stages.push_back({{"stage", s.name}, {"ms_per_pair", number(s.milliseconds)}, {"count", s.count}});
-    profiles.push_back({{"pairs", p.pairs}, {"stages", stages}, {"set_reference_ms", number(p.set_reference)}, {"wall_ms", number(p.wall)}});
+    for (const engine::StageTime& s : p.stages)
+      stages.push_back({{"stage", s.name}, {"ms_per_pair", number(s.milliseconds)}, {"count", s.count}});
+    profiles.push_back(
+        {{"pairs", p.pairs}, {"stages", stages}, {"set_reference_ms", number(p.set_reference)}, {"wall_ms", number(p.wall)}});
   }
   for (const char* name : kOdometry) ratios[name] = number(ratio(report, name));
   return {{"machine", to_json(report.machine)},
@@ -50,16 +54,19 @@ Json to_json(const BenchReport& report) {
 std::string to_table(const BenchReport& report) {
   const BenchOptions& o = report.options;
   std::string out = to_line(report.machine);
-  out += formatted("%dx%d, %d features; ms a pair, from host images to host poses (upload, pyramids and masks of both images included)\n\n", o.width,
-                   o.height, o.features);
+  out += formatted(
+      "%dx%d, %d features; ms a pair, from host images to host poses (upload, pyramids and masks of both images included)\n\n",
+      o.width, o.height, o.features);
   out += "method                    pairs   median      min      max  cpu time    converged  error px\n";
   for (const BenchRow& r : report.rows)
-    out += formatted("%-25s %5d %8.2f %8.2f %8.2f  %8.2f  %5d/%-5d  %8.3f\n", r.method.c_str(), r.pairs, r.wall.median, r.wall.min, r.wall.max, r.cpu,
-                     r.converged, r.run, r.error);
+    out += formatted("%-25s %5d %8.2f %8.2f %8.2f  %8.2f  %5d/%-5d  %8.3f\n", r.method.c_str(), r.pairs, r.wall.median,
+                     r.wall.min, r.wall.max, r.cpu, r.converged, r.run, r.error);
   out += "\n";
   for (const char* name : kOdometry)
-    if (std::isfinite(ratio(report, name))) out += formatted("device solver, %d at a time: %.1f times as fast as %s%s\n", most_pairs(report), ratio(report, name), name,
-                     name == kOdometry[0] ? formatted(" (OpenCV's own choice: %d threads)", report.machine.opencv_threads).c_str() : "");
+    if (std::isfinite(ratio(report, name)))
+      out += formatted(
+          "device solver, %d at a time: %.1f times as fast as %s%s\n", most_pairs(report), ratio(report, name), name,
+          name == kOdometry[0] ? formatted(" (OpenCV's own choice: %d threads)", report.machine.opencv_threads).c_str() : "");
   for (const BenchProfile& p : report.profiles) {
     out += formatted("\ndevice solver, %d at a time: ms a pair on the device, times a call\n", p.pairs);
     double sum = 0;
@@ -68,8 +75,8 @@ std::string to_table(const BenchReport& report) {
       sum += s.milliseconds;
     }
     if (p.stages.empty()) out += "  this queue has no timestamps\n";
-    out += formatted("  %-20s %8.3f\n  %-20s %8.3f\n  %-20s %8.3f\n", "sum", sum, "set_reference, host", p.set_reference, "the rest, host",
-                     std::max(0.0, p.wall - p.set_reference - sum));
+    out += formatted("  %-20s %8.3f\n  %-20s %8.3f\n  %-20s %8.3f\n", "sum", sum, "set_reference, host", p.set_reference,
+                     "the rest, host", std::max(0.0, p.wall - p.set_reference - sum));
     out += formatted("  %-20s %8.3f\n", "whole call", p.wall);
   }
   return out;

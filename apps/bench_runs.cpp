@@ -20,14 +20,15 @@
 namespace iclk {
 namespace {
 
-constexpr int kVariants = 8;    // pairs from one rendering
-constexpr int kPairsTimed = 16; // a repetition of small batches is at least so many pairs
+constexpr int kVariants = 8;     // pairs from one rendering
+constexpr int kPairsTimed = 16;  // a repetition of small batches is at least so many pairs
 
 /// Motion k of a low-discrepancy series around that of `iclk demo`.
 SE3 motion(int k) {
   Vector6d xi;
   const auto wave = [&](double ratio) { return 2 * std::fmod(0.5 + ratio * (k + 1), 1.0) - 1; };
-  xi << 0.05 * wave(0.6180), 0.05 * wave(0.7549), 0.04 * wave(0.5698), 0.03 * wave(0.8192), 0.03 * wave(0.6711), 0.04 * wave(0.5497);
+  xi << 0.05 * wave(0.6180), 0.05 * wave(0.7549), 0.04 * wave(0.5698), 0.03 * wave(0.8192), 0.03 * wave(0.6711),
+      0.04 * wave(0.5497);
   return SE3::exp(xi);
 }
 
@@ -113,8 +114,9 @@ struct AlignerCase {
   bool colour = false, refine = false;
 };
 
-const std::array kCases = {AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host}, AlignerCase{"cpu", Solver::cpu},
-                           AlignerCase{"device, colour", Solver::device, true}, AlignerCase{"device + refine", Solver::device, false, true}};
+const std::array kCases = {AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host},
+                           AlignerCase{"cpu", Solver::cpu}, AlignerCase{"device, colour", Solver::device, true},
+                           AlignerCase{"device + refine", Solver::device, false, true}};
 constexpr int kOdometryThreads[] = {0, 1};
 
 bool wanted(const BenchOptions& options, const std::string& method) {
@@ -147,8 +149,8 @@ double set_references(Aligner& aligner, std::span<const PeerPair> batch, bool co
   return watch.wall_ms();
 }
 
-BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context, std::span<const PeerPair> pairs,
-                       int batch, const AlignerCase& c) {
+BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
+                       std::span<const PeerPair> pairs, int batch, const AlignerCase& c) {
   const auto aligner = make_any_aligner(c.solver, context, plan_of(options, batch, c.colour), {});
   const auto refiner = c.refine ? std::make_unique<Refiner>(*aligner) : nullptr;
   std::vector<Pair> work;
@@ -174,8 +176,8 @@ BenchRow bench_method(const BenchOptions& options, std::span<const PeerPair> pai
   return row;
 }
 
-BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<engine::Context>& context, std::span<const PeerPair> pairs,
-                            int batch) {
+BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
+                            std::span<const PeerPair> pairs, int batch) {
   const auto aligner = make_device_aligner(context, plan_of(options, batch, false), {}, Solver::device);
   BenchProfile profile;
   profile.pairs = batch;
@@ -184,7 +186,8 @@ BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<e
   std::vector<double> wall, prepare;
   for (int i = -1; i < calls; ++i) {  // the first call is not counted
     if (i == 0) aligner->enable_timing(true);
-    const size_t first = static_cast<size_t>(std::max(i, 0)) % (pairs.size() / static_cast<size_t>(batch)) * static_cast<size_t>(batch);
+    const size_t first =
+        static_cast<size_t>(std::max(i, 0)) % (pairs.size() / static_cast<size_t>(batch)) * static_cast<size_t>(batch);
     const Stopwatch watch;
     const double references = set_references(*aligner, pairs.subspan(first, static_cast<size_t>(batch)), false, work);
     aligner->align(work);
@@ -219,7 +222,8 @@ void BenchOptions::check() const {
   require(repetitions >= 1 && repetitions <= 10000, "--repetitions " + std::to_string(repetitions) + " must lie in 1 to 10000");
   const std::vector<std::string> known = bench_methods();
   for (const std::string& method : only)
-    require(std::find(known.begin(), known.end(), method) != known.end(), "--only " + printable(method) + " is not known: " + joined(known));
+    require(std::find(known.begin(), known.end(), method) != known.end(),
+            "--only " + printable(method) + " is not known: " + joined(known));
   require(features >= 1 && features <= 10000, "--features " + std::to_string(features) + " must lie in 1 to 10000");
   require(width >= 64 && width <= 4096 && height >= 64 && height <= 4096,
           "--size " + std::to_string(width) + "x" + std::to_string(height) + " must lie in 64x64 to 4096x4096");
@@ -241,7 +245,8 @@ std::vector<PeerPair> make_bench_pairs(const BenchOptions& options, int count, c
     scene_options.height = options.height;
     scene_options.seed = static_cast<uint64_t>(k) + 1;
     const ScenePair scene = make_scene_pair(motion(k), scene_options);
-    for (int v = 0; v < kVariants && static_cast<int>(pairs.size()) < count; ++v) pairs.push_back(variant(scene, v, options.features));
+    for (int v = 0; v < kVariants && static_cast<int>(pairs.size()) < count; ++v)
+      pairs.push_back(variant(scene, v, options.features));
   }
   progress("", count + 1, count + 1);
   return pairs;

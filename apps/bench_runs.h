@@ -16,24 +16,25 @@ struct BenchOptions {
   int repetitions = 5;                      ///< of every figure
   int features = 50;
   int width = 640, height = 480;
-  std::vector<std::string> only;            ///< methods to measure, BenchRow::method; empty: all
-  bool profile = false;                     ///< device time by stage
+  std::vector<std::string> only;  ///< methods to measure, BenchRow::method; empty: all
+  bool profile = false;           ///< device time by stage
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
 };
 
-/// One line of the table: references and targets from host memory to poses in host memory, nothing kept from call to call but the plan.
+/// One line of the table: references and targets from host memory to poses in host memory, nothing kept from call to call but
+/// the plan.
 struct BenchRow {
-  std::string method;      ///< "device", "host", "cpu", "device, colour", "device + refine", "RgbdOdometry", ...
-  std::string format;      ///< of the images on the device; empty for OpenCV
-  int pairs = 0;           ///< in one call
-  int calls = 0;           ///< that were timed
-  Spread wall;             ///< ms a pair
-  double cpu = 0;          ///< ms of processor time a pair, median
-  int converged = 0;       ///< pairs of the last repetition that say so, of `run`
+  std::string method;  ///< "device", "host", "cpu", "device, colour", "device + refine", "RgbdOdometry", ...
+  std::string format;  ///< of the images on the device; empty for OpenCV
+  int pairs = 0;       ///< in one call
+  int calls = 0;       ///< that were timed
+  Spread wall;         ///< ms a pair
+  double cpu = 0;      ///< ms of processor time a pair, median
+  int converged = 0;   ///< pairs of the last repetition that say so, of `run`
   int run = 0;
-  double error = 0;        ///< px, median over these pairs of the mean reprojection error at the features
+  double error = 0;  ///< px, median over these pairs of the mean reprojection error at the features
 };
 
 /// Where a call of the device solver spends its time, ms a pair.
@@ -54,8 +55,9 @@ struct BenchReport {
 /// BenchRow::method of every row that there can be.
 std::vector<std::string> bench_methods();
 
-/// Distinct pairs of images made in code (apps/scene): motions of 1 to 4 degrees and 2 to 7 cm at 2 m, each forwards, backwards and
-/// mirrored in four ways, so eight pairs a rendering; 50 features or as many as asked for.
+/// Distinct pairs of images made in code (apps/scene): motions of up to 3.3 degrees and 8 cm at 2 m, each forwards, backwards
+/// and mirrored in four ways, so eight pairs a rendering. All images are drawn with their own noise and lie in memory of their
+/// own.
 std::vector<PeerPair> make_bench_pairs(const BenchOptions& options, int count, const Progress& progress);
 
 /// Throws Error for bad options or a failing device.

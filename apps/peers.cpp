@@ -41,7 +41,8 @@ struct PairSource {
     if (!sequence.camera) throw Error(ErrorCode::io, sequence.folder + "/camera.txt is missing");
     for (SequencePair& pair : make_pairs(sequence, c.stride))
       if (pair.T_10 && !target_depth(pair).empty()) pairs.push_back(std::move(pair));
-    if (pairs.empty()) throw Error(ErrorCode::invalid_argument, sequence.folder + ": no pair has depth of both images and a truth");
+    if (pairs.empty())
+      throw Error(ErrorCode::invalid_argument, sequence.folder + ": no pair has depth of both images and a truth");
     if (options.max_pairs > 0 && pairs.size() > static_cast<size_t>(options.max_pairs)) {
       std::vector<SequencePair> some;
       for (size_t i = 0; i < static_cast<size_t>(options.max_pairs); ++i)
@@ -55,7 +56,9 @@ struct PairSource {
     loader = std::make_unique<PairLoader>(input);
   }
 
-  const std::string& target_depth(const SequencePair& pair) const { return sequence.frames[static_cast<size_t>(pair.frame_1)].depth; }
+  const std::string& target_depth(const SequencePair& pair) const {
+    return sequence.frames[static_cast<size_t>(pair.frame_1)].depth;
+  }
 
   PeerPair load(const SequencePair& files) const {
     const PairInput input = loader->load({files.reference, files.target, files.depth, ""});
@@ -75,7 +78,8 @@ struct PairSource {
 };
 
 /// Every method on one pair, in their order.
-std::vector<PeerSample> run_methods(std::span<const std::unique_ptr<PeerMethod>> methods, const PeerPair& pair, const SequencePair& files) {
+std::vector<PeerSample> run_methods(std::span<const std::unique_ptr<PeerMethod>> methods, const PeerPair& pair,
+                                    const SequencePair& files) {
   constexpr double inf = std::numeric_limits<double>::infinity();
   std::vector<PeerSample> samples;
   std::vector<PeerAnswer> answers;
@@ -153,8 +157,8 @@ std::string find_data(const std::string& option) {
   for (const char* name : {kTum, kHololens}) {
     std::error_code ignored;
     if (std::filesystem::is_directory(std::filesystem::path(folder) / name, ignored)) continue;
-    throw Error(ErrorCode::io, "no folder " + (std::filesystem::path(folder) / name).string() + ": name the folder that holds " + kTum + " and " +
-                                   kHololens + " with --data or ICLK_DATA");
+    throw Error(ErrorCode::io, "no folder " + (std::filesystem::path(folder) / name).string() +
+                                   ": name the folder that holds " + kTum + " and " + kHololens + " with --data or ICLK_DATA");
   }
   return folder;
 }
@@ -184,8 +188,11 @@ PeerReport run_peers(const PeerOptions& options, const Progress& progress) {
       const std::vector<PeerSample> of_pair = run_methods(methods, pair, files);
       for (size_t m = 0; m < methods.size(); ++m) samples[m].push_back(of_pair[m]);
     }
-    PeerBlock block{cases[i].data, cases[i].distortion.empty() ? "as in camera.txt" : cases[i].distortion, cases[i].stride,
-                    static_cast<int>(source.pairs.size()), {}};
+    PeerBlock block{cases[i].data,
+                    cases[i].distortion.empty() ? "as in camera.txt" : cases[i].distortion,
+                    cases[i].stride,
+                    static_cast<int>(source.pairs.size()),
+                    {}};
     for (size_t m = 0; m < methods.size(); ++m) block.rows.push_back(summarize(methods[m]->name(), std::move(samples[m])));
     report.blocks.push_back(std::move(block));
   }
@@ -222,23 +229,27 @@ nlohmann::ordered_json to_json(const PeerReport& report) {
     }
     blocks.push_back({{"data", b.data}, {"camera", b.camera}, {"stride", b.stride}, {"pairs", b.pairs}, {"methods", rows}});
   }
-  return {{"machine", to_json(report.machine)}, {"features", report.options.features}, {"solver", solver_name(report.options.iclk.solver)},
+  return {{"machine", to_json(report.machine)},
+          {"features", report.options.features},
+          {"solver", solver_name(report.options.iclk.solver)},
           {"blocks", blocks}};
 }
 
 std::string to_table(const PeerReport& report) {
   std::string out = to_line(report.machine);
-  out += formatted("%d features, iclk with --solver %s. Medians are over all pairs, one without a pose counts as infinite.\n", report.options.features,
-                   solver_name(report.options.iclk.solver));
-  out += "claims: the method says that it succeeded; wrong: of these, more than 3 px off the truth; alone: of these, those that no other kind\n"
-         "of method agrees with to 1 px (where others agree, the truth is in doubt).\n";
+  out += formatted("%d features, iclk with --solver %s. Medians are over all pairs, one without a pose counts as infinite.\n",
+                   report.options.features, solver_name(report.options.iclk.solver));
+  out +=
+      "claims: the method says that it succeeded; wrong: of these, more than 3 px off the truth; alone: of these, those that "
+      "no other kind\n"
+      "of method agrees with to 1 px (where others agree, the truth is in doubt).\n";
   for (const PeerBlock& b : report.blocks) {
     out += formatted("\n%s, stride %d, %d pairs, camera %s\n", b.data.c_str(), b.stride, b.pairs, b.camera.c_str());
     out += "method             < 1 px   < 3 px  claims  wrong  alone  median px       mm      deg  ms a pair\n";
     for (const PeerRow& r : b.rows)
-      out += formatted("%-16s %7.0f%% %7.0f%%  %6d  %5d  %5d  %9.2f %8.1f %8.2f  %9.1f\n", r.method.c_str(), 100.0 * r.within_1px / b.pairs,
-                       100.0 * r.within_3px / b.pairs, r.claimed, r.claimed_wrong, r.claimed_alone, r.e_pixel, 1e3 * r.e_transl,
-                       r.e_rot * 180 / std::numbers::pi, r.ms);
+      out += formatted("%-16s %7.0f%% %7.0f%%  %6d  %5d  %5d  %9.2f %8.1f %8.2f  %9.1f\n", r.method.c_str(),
+                       100.0 * r.within_1px / b.pairs, 100.0 * r.within_3px / b.pairs, r.claimed, r.claimed_wrong,
+                       r.claimed_alone, r.e_pixel, 1e3 * r.e_transl, r.e_rot * 180 / std::numbers::pi, r.ms);
   }
   return out;
 }

@@ -9,10 +9,10 @@
 namespace iclk {
 
 struct PeerOptions {
-  std::string data;           ///< folder that holds tum_fr1_360_5 and hololens_80; empty: ICLK_DATA, else ../shared/data
-  std::string distortion;     ///< of tum_fr1_360_5, as parse_distortion takes it: a second run of it, undistorted
+  std::string data;        ///< folder that holds tum_fr1_360_5 and hololens_80; empty: ICLK_DATA, else ../shared/data
+  std::string distortion;  ///< of tum_fr1_360_5, as parse_distortion takes it: a second run of it, undistorted
   std::vector<int> strides = {1, 2, 3};  ///< of hololens_80
-  int max_pairs = 0;          ///< of a row, spread over the sequence; 0: all
+  int max_pairs = 0;                     ///< of a row, spread over the sequence; 0: all
   int features = 50;
   IclkSettings iclk;
 
@@ -32,12 +32,12 @@ struct PeerSample {
 /// One method over the pairs of one sequence. A method without a pose counts as infinitely wrong.
 struct PeerRow {
   std::string method;
-  int within_1px = 0, within_3px = 0;  ///< mean reprojection error at the features against the truth
-  int claimed = 0;                     ///< the method says that it succeeded
-  int claimed_wrong = 0;               ///< of these, more than 3 px off the truth
-  int claimed_alone = 0;               ///< of these again, without support: where others agree, the truth is in doubt
+  int within_1px = 0, within_3px = 0;           ///< mean reprojection error at the features against the truth
+  int claimed = 0;                              ///< the method says that it succeeded
+  int claimed_wrong = 0;                        ///< of these, more than 3 px off the truth
+  int claimed_alone = 0;                        ///< of these again, without support: where others agree, the truth is in doubt
   double e_pixel = 0, e_transl = 0, e_rot = 0;  ///< medians over all pairs: px, m, rad
-  double ms = 0;                       ///< median of a pair, images in memory; features of iclk and KLT are given, SIFT finds its own
+  double ms = 0;  ///< median of a pair, images in memory; features of iclk and KLT are given, SIFT finds its own
   std::vector<PeerSample> samples;
 };
 

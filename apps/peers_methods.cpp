@@ -32,7 +32,8 @@ PeerAnswer solve_pnp(const Correspondences& c, const Camera& camera) {
   PeerAnswer answer;
   if (c.X0.size() < 4) return answer;  // what solvePnPRansac needs
   cv::Vec3d rotation, translation;
-  if (!cv::solvePnPRansac(c.X0, c.uv1, matrix_of(camera), cv::noArray(), rotation, translation, false, 200, 2.0f, 0.99)) return answer;
+  if (!cv::solvePnPRansac(c.X0, c.uv1, matrix_of(camera), cv::noArray(), rotation, translation, false, 200, 2.0f, 0.99))
+    return answer;
   cv::Matx33d R;
   cv::Rodrigues(rotation, R);
   for (int i = 0; i < 3; ++i) {
@@ -45,7 +46,8 @@ PeerAnswer solve_pnp(const Correspondences& c, const Camera& camera) {
 
 class Iclk final : public PeerMethod {
  public:
-  Iclk(const IclkSettings& settings, bool refine) : PeerMethod("iclk", refine ? "iclk + refine" : "iclk"), settings_(settings), refine_(refine) {}
+  Iclk(const IclkSettings& settings, bool refine)
+      : PeerMethod("iclk", refine ? "iclk + refine" : "iclk"), settings_(settings), refine_(refine) {}
 
   PeerAnswer run(const PeerPair& pair) override {
     prepare(pair);
@@ -82,7 +84,9 @@ class Iclk final : public PeerMethod {
 class RgbdOdometry final : public PeerMethod {
  public:
   explicit RgbdOdometry(int threads)
-      : PeerMethod("RgbdOdometry", threads == 0 ? "RgbdOdometry" : "RgbdOdometry, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads")),
+      : PeerMethod("RgbdOdometry", threads == 0
+                                       ? "RgbdOdometry"
+                                       : "RgbdOdometry, " + std::to_string(threads) + (threads == 1 ? " thread" : " threads")),
         threads_(threads),
         odometry_(cv::rgbd::RgbdOdometry::create()) {}
 
@@ -124,7 +128,8 @@ class KltPnp final : public PeerMethod {
     cv::calcOpticalFlowPyrLK(pair.grey_0, pair.grey_1, uv0, uv1, found, cv::noArray(), {21, 21}, 3);
     Correspondences c;
     for (size_t i = 0; i < uv0.size(); ++i)
-      if (found[i] && pair.features.inverse_depth[i] > 0) c.add(pair.camera, uv0[i], 1 / pair.features.inverse_depth[i], uv1[i]);
+      if (found[i] && pair.features.inverse_depth[i] > 0)
+        c.add(pair.camera, uv0[i], 1 / pair.features.inverse_depth[i], uv1[i]);
     return solve_pnp(c, pair.camera);
   }
 };
@@ -159,7 +164,9 @@ class SiftPnp final : public PeerMethod {
 
 }  // namespace
 
-std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine) { return std::make_unique<Iclk>(settings, refine); }
+std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine) {
+  return std::make_unique<Iclk>(settings, refine);
+}
 std::unique_ptr<PeerMethod> make_rgbd_odometry(int threads) { return std::make_unique<RgbdOdometry>(threads); }
 std::unique_ptr<PeerMethod> make_klt_pnp() { return std::make_unique<KltPnp>(); }
 std::unique_ptr<PeerMethod> make_sift_pnp() { return std::make_unique<SiftPnp>(); }

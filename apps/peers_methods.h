@@ -17,8 +17,8 @@ struct PeerPair {
   cv::Mat grey_0, grey_1;    ///< CV_8UC1
   cv::Mat depth_0, depth_1;  ///< CV_32FC1 metres, NaN = none
   Camera camera;
-  Features features;         ///< of image 0
-  SE3 T_10;                  ///< truth
+  Features features;  ///< of image 0
+  SE3 T_10;           ///< truth
 };
 
 struct PeerAnswer {
@@ -54,10 +54,12 @@ std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool 
 /// `threads`: of OpenCV while it runs; 0: OpenCV's own choice.
 std::unique_ptr<PeerMethod> make_rgbd_odometry(int threads = 0);
 
-/// The same features, tracked by cv::calcOpticalFlowPyrLK (21x21 windows, four levels), and cv::solvePnPRansac (2 px, 200 tries).
+/// The same features, tracked by cv::calcOpticalFlowPyrLK (21x21 windows, four levels), and cv::solvePnPRansac (2 px, 200
+/// tries).
 std::unique_ptr<PeerMethod> make_klt_pnp();
 
-/// cv::SIFT in both images, brute-force matches that pass the ratio test 0.75, depth of image 0 there, and the same solvePnPRansac.
+/// cv::SIFT in both images, brute-force matches that pass the ratio test 0.75, depth of image 0 there, and the same
+/// solvePnPRansac.
 std::unique_ptr<PeerMethod> make_sift_pnp();
 
 /// A solver of any kind. `context` may be null for Solver::cpu.

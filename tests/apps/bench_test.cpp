@@ -66,7 +66,8 @@ TEST(Bench, PairsAreDistinctAndTheirTruthHolds) {
   for (const PeerPair& pair : pairs) {
     memory.insert({pair.grey_0.data, pair.grey_1.data});
     ASSERT_GE(pair.features.size(), 40);
-    // What feature i shows in image 0 shows at its true place in image 1, darker: mirrored poses and depths must fit their images.
+    // What feature i shows in image 0 shows at its true place in image 1, darker: mirrored poses and depths must fit their
+    // images.
     double off = 0, unmoved = 0;
     int count = 0;
     for (int i = 0; i < pair.features.size(); ++i) {
@@ -90,7 +91,8 @@ TEST(Bench, PairsAreDistinctAndTheirTruthHolds) {
     EXPECT_GT(unmoved / count, 0.5);
   }
   EXPECT_EQ(memory.size(), 20u);
-  for (size_t i = 1; i < pairs.size(); ++i) EXPECT_GT(cv::norm(pairs[i].grey_0, pairs[0].grey_0, cv::NORM_L1), 3e4) << i;  // at least in noise
+  for (size_t i = 1; i < pairs.size(); ++i)
+    EXPECT_GT(cv::norm(pairs[i].grey_0, pairs[0].grey_0, cv::NORM_L1), 3e4) << i;  // at least in noise
 }
 
 TEST(Bench, EveryMethodSolvesWhatItIsTimedOn) {
@@ -99,6 +101,8 @@ TEST(Bench, EveryMethodSolvesWhatItIsTimedOn) {
   const nlohmann::ordered_json json = nlohmann::ordered_json::parse(to_json(report).dump());
   EXPECT_FALSE(json.at("machine").at("device").get<std::string>().empty());
   EXPECT_GE(json.at("machine").at("cores").get<int>(), 1);
+  EXPECT_GT(json.at("machine").at("cores_got").get<double>(), 0.05);
+  EXPECT_LE(json.at("machine").at("cores_got").get<double>(), json.at("machine").at("cores").get<int>() + 0.5);
   std::multiset<std::string> methods;
   for (const auto& row : json.at("rows")) {
     const auto method = row.at("method").get<std::string>();
@@ -110,8 +114,8 @@ TEST(Bench, EveryMethodSolvesWhatItIsTimedOn) {
     EXPECT_EQ(row.at("converged"), row.at("run")) << method;
     EXPECT_LT(row.at("median_e_pixel").get<double>(), 0.5) << method;
   }
-  EXPECT_EQ(methods, (std::multiset<std::string>{"RgbdOdometry", "RgbdOdometry, 1 thread", "cpu", "cpu", "device", "device", "device + refine",
-                                                 "device + refine", "device, colour", "host", "host"}));
+  EXPECT_EQ(methods, (std::multiset<std::string>{"RgbdOdometry", "RgbdOdometry, 1 thread", "cpu", "cpu", "device", "device",
+                                                 "device + refine", "device + refine", "device, colour", "host", "host"}));
   EXPECT_NEAR(json.at("times_faster_than").at("ratio").at("RgbdOdometry").get<double>(),
               bench_wall(report, "RgbdOdometry", 1) / bench_wall(report, "device", 2), 1e-9);
   ASSERT_EQ(json.at("profiles").size(), 2u);
@@ -185,7 +189,8 @@ TEST(Peers, TwoPairsOfEverySequence) {
     }
   }
   EXPECT_EQ(json.at("blocks")[1].at("camera"), options.distortion);
-  EXPECT_NE(json.at("blocks")[0].at("methods")[2].at("each")[0].at("e_pixel"), json.at("blocks")[1].at("methods")[2].at("each")[0].at("e_pixel"))
+  EXPECT_NE(json.at("blocks")[0].at("methods")[2].at("each")[0].at("e_pixel"),
+            json.at("blocks")[1].at("methods")[2].at("each")[0].at("e_pixel"))
       << "the images were not undistorted";
 }
 
