@@ -5,6 +5,7 @@
 
 #include <iclk/engine/internal/instance.h>
 #include <iclk/engine/memory.h>
+#include <iclk/engine/recorder.h>
 #include <iclk/engine/result.h>
 #include <iclk/engine/submission.h>
 

@@ -197,81 +197,47 @@ TEST(Recording, TooFewFeaturesAreAResultToo) {
   EXPECT_EQ(results[0].pose[3], 0.5f);
 }
 
-// Counts what passes through vkAllocateMemory of a context that was adopted with `get_instance_proc_addr`.
-struct Allocations {
-  static inline PFN_vkGetInstanceProcAddr next_instance = nullptr;
-  static inline PFN_vkGetDeviceProcAddr next_device = nullptr;
-  static inline PFN_vkAllocateMemory next_allocate = nullptr;
-  static inline VkDeviceSize bytes = 0;
-
-  static VKAPI_ATTR VkResult VKAPI_CALL allocate(VkDevice device, const VkMemoryAllocateInfo* info,
-                                                 const VkAllocationCallbacks* callbacks, VkDeviceMemory* memory) {
-    bytes += info->allocationSize;
-    return next_allocate(device, info, callbacks, memory);
-  }
-  static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL device_proc(VkDevice device, const char* name) {
-    const PFN_vkVoidFunction found = next_device(device, name);
-    if (std::string(name) != "vkAllocateMemory") return found;
-    next_allocate = reinterpret_cast<PFN_vkAllocateMemory>(found);
-    return reinterpret_cast<PFN_vkVoidFunction>(allocate);
-  }
-  static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL get_instance_proc_addr(VkInstance instance, const char* name) {
-    const PFN_vkVoidFunction found = next_instance(instance, name);
-    if (std::string(name) != "vkGetDeviceProcAddr") return found;
-    next_device = reinterpret_cast<PFN_vkGetDeviceProcAddr>(found);
-    return reinterpret_cast<PFN_vkVoidFunction>(device_proc);
-  }
-};
-
-TEST(Recording, WorkspaceSizeIsWhatIsAllocatedAndAligningAllocatesNothing) {
+// The shader's verdict and the host's are the same where a pair fails.
+TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
   ICLK_NEED_DEVICE();
   Application app;
-  Allocations::next_instance = app.instance.get_instance_proc_addr();
-  const auto context = adopt_device({app.instance.handle(),
-                                     app.physical,
-                                     app.device,
-                                     app.queue,
-                                     app.family,
-                                     Allocations::get_instance_proc_addr,
-                                     {},
-                                     {},
-                                     {}});
+  const auto context = app.adopt();
   const Relief scene = moved(0.03, 0.008, 1);
   const Features features = random_features(scene, 50);
-  const Frame image0 = render(scene, 0), image1 = render(scene, 1);
-  const Frame q = inverse_depth_frame(scene);
-  for (Solver solver : {Solver::host, Solver::device})
-    for (bool dense : {false, true})
-      for (Robust robust : {Robust::unit, Robust::tukey}) {
-        Plan plan = plan_for(scene.camera, dense ? 50 : kSplitFeatures);
-        plan.dense = dense;
-        plan.max_pairs = 3;
-        plan.max_references = 2;
-        AlignerOptions options;
-        options.robust = robust;
-        const MemoryBytes expected = DeviceAligner::workspace_size(*context, plan, options, solver);
-        Allocations::bytes = 0;
-        DeviceAligner aligner(context, plan, options, solver);
-        EXPECT_GT(Allocations::bytes, 0u);
-        EXPECT_EQ(Allocations::bytes, expected.total());
-        Allocations::bytes = 0;
-        aligner.set_reference(1, {image0.view(), scene.camera, dense ? Features{} : features, q.view()});
-        EXPECT_TRUE(aligner.align(Pair{1, image1.view(), {}, {}}).converged());
-        EXPECT_EQ(Allocations::bytes, 0u);
-        if (dense || solver == Solver::host) continue;
-        const auto recording = aligner.make_recording(2);
-        EXPECT_GT(Allocations::bytes, 0u);
-        Allocations::bytes = 0;
-        MemoryPlan pixels;
-        const BufferId id = pixels.add("target", 160 * 120 * 4, MemoryKind::upload, BufferUse::transfer);
-        const Workspace memory(context, pixels);
-        const VkDeviceSize ours = Allocations::bytes;
-        const ApplicationCommands host(app);
-        const DevicePair pair{1, DeviceBufferImage{memory[id].handle, memory[id].size, 0, 0}, {}, {}};
-        aligner.record(*recording, host.commands, {}, {&pair, 1});
-        EXPECT_EQ(Allocations::bytes, ours);
-        host.end();
-      }
+  const auto image0 = bytes_of(render(scene, 0), 1), image1 = bytes_of(render(scene, 1), 1);
+  const std::vector<uint8_t> grey(160 * 120, 128);
+  SE3 away;
+  away.t.x() = 100;
+  struct Case {
+    const std::vector<uint8_t>*reference, *target;
+    SE3 start;
+    int levels, iterations;
+    Status status;
+  };
+  for (const Case& c :
+       {Case{&image0, &image1, {}, 4, 10, Status::converged}, Case{&image0, &image1, {}, 1, 1, Status::max_iterations},
+        Case{&image0, &image1, away, 4, 10, Status::low_overlap}, Case{&grey, &image1, {}, 4, 10, Status::degenerate}}) {
+    Plan plan = plan_for(scene.camera);
+    plan.format = PixelFormat::r8;
+    AlignerOptions options;
+    options.levels = c.levels;
+    options.iterations = c.iterations;
+    DeviceAligner aligner(context, plan, options, Solver::device);
+    aligner.set_reference(0, {{c.reference->data(), 160, 120, 0, PixelFormat::r8}, scene.camera, features, {}});
+    ApplicationImage image(app, 160, 120, VK_FORMAT_R8_UNORM, VK_IMAGE_LAYOUT_GENERAL);
+    image.fill(context, c.target->data(), 160 * 120);
+    const auto recording = aligner.make_recording();
+    ReadResults results(context, 1);
+    const ApplicationCommands host(app);
+    const DevicePair pair{0, image.foreign, c.start, {}};
+    aligner.record(*recording, host.commands, {}, {&pair, 1});
+    results.record(*context, host.commands, recording->results());
+    host.end();
+    host.submit_and_wait();
+    const Alignment a = recording->read().at(0);
+    EXPECT_STREQ(name(a.status), name(c.status)) << a.reason;
+    EXPECT_EQ(results[0].status, static_cast<uint32_t>(c.status)) << name(c.status);
+  }
 }
 
 // What is not recordable is refused before a command is written: the command buffer stays usable.
