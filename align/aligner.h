@@ -28,9 +28,9 @@ struct PosePrior {
 
 /// One alignment of a batch: a prepared reference and a target.
 struct Pair {
-  int reference = 0;    ///< slot given to set_reference
-  ImageView target;     ///< I1
-  SE3 T_10;             ///< first guess
+  int reference = 0;  ///< slot given to set_reference
+  ImageView target;   ///< I1
+  SE3 T_10;           ///< first guess
   std::optional<PosePrior> prior;
 };
 

@@ -18,33 +18,34 @@ enum class Status {
 const char* name(Status status);
 
 struct IterationTrace {
-  SE3 T_10;           ///< after this iteration
-  double cost = 0;    ///< mean weighted squared residual before the step
-  double visible = 0; ///< share of mask pixels inside the target before the step
-  double step = 0;    ///< motion of the step, px of this level
+  SE3 T_10;            ///< after this iteration
+  double cost = 0;     ///< mean weighted squared residual before the step
+  double visible = 0;  ///< share of mask pixels inside the target before the step
+  double step = 0;     ///< motion of the step, px of this level
   double lambda = 0;
   bool accepted = true;
 };
 
 struct LevelTrace {
   int level = 0;
-  double scale = 0;              ///< robust scale of the residual with which the level started; 0: unit weights
+  double scale = 0;  ///< robust scale of the residual with which the level started; 0: unit weights
   std::vector<IterationTrace> iterations;
 };
 
 /// What an alignment gives, the same from every solver.
 struct Alignment {
-  SE3 T_10;                                  ///< pose: camera 0 to camera 1
+  SE3 T_10;  ///< pose: camera 0 to camera 1
   Status status = Status::diverged;
-  std::string reason;                        ///< the status in words, with the numbers that decided it
-  Matrix6d H = Matrix6d::Zero();             ///< J^T W J at the finest level's last iteration, [rho, phi]; gain and bias marginalised out
-  Matrix6d covariance = Matrix6d::Zero();    ///< of [rho, phi], T_10 = mean Exp(xi); zero unless the status is converged or max_iterations
-  double cost = 0;                           ///< mean weighted squared residual at the end, feature units squared
-  double correlation = 0;                    ///< of f0 and the warped f1 over visible mask pixels at the end, in [-1, 1]
-  double visible_fraction = 0;               ///< share of the finest level's mask pixels inside the target at the end
-  double gain = 1, bias = 0;                 ///< f1 = gain f0 + bias
-  std::vector<LevelTrace> levels;            ///< coarse to fine
-  std::vector<FeatureCheck> features;        ///< one verdict a feature of the reference; empty in dense mode
+  std::string reason;             ///< the status in words, with the numbers that decided it
+  Matrix6d H = Matrix6d::Zero();  ///< J^T W J at the finest level's last iteration, [rho, phi]; gain and bias marginalised out
+  Matrix6d covariance =
+      Matrix6d::Zero();         ///< of [rho, phi], T_10 = mean Exp(xi); zero unless the status is converged or max_iterations
+  double cost = 0;              ///< mean weighted squared residual at the end, feature units squared
+  double correlation = 0;       ///< of f0 and the warped f1 over visible mask pixels at the end, in [-1, 1]
+  double visible_fraction = 0;  ///< share of the finest level's mask pixels inside the target at the end
+  double gain = 1, bias = 0;    ///< f1 = gain f0 + bias
+  std::vector<LevelTrace> levels;      ///< coarse to fine
+  std::vector<FeatureCheck> features;  ///< one verdict a feature of the reference; empty in dense mode
 
   bool converged() const { return status == Status::converged; }
 };

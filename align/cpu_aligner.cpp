@@ -55,8 +55,8 @@ std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
   for (size_t i = 0; i < pairs.size(); ++i) {
     internal::check_pair(pairs[i], i, plan_);
     if (!keyframes_[static_cast<size_t>(pairs[i].reference)])
-      throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
-                                                   std::to_string(pairs[i].reference) + " was never set");
+      throw Error(ErrorCode::invalid_argument,
+                  "pair " + std::to_string(i) + ": reference slot " + std::to_string(pairs[i].reference) + " was never set");
   }
   targets_.assign(pairs.size(), {});
   std::vector<Alignment> out;
@@ -97,8 +97,8 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
       lm.end_level(internal::normal_equations(pixels, target, camera, lm.point(), weights));
     out.levels.push_back(std::move(trace));
   }
-  internal::conclude({lm.point(), lm.sums(), lm.singular(), lm.last_step(), keyframe.camera, keyframe.mean_inverse_depth}, options_,
-                     out);
+  internal::conclude({lm.point(), lm.sums(), lm.singular(), lm.last_step(), keyframe.camera, keyframe.mean_inverse_depth},
+                     options_, out);
   return out;
 }
 

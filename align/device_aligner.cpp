@@ -18,7 +18,11 @@ namespace {
 const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solver) {
   plan.check(options);
   switch (plan.format) {
-    case PixelFormat::r8: case PixelFormat::rgba8: case PixelFormat::bgra8: case PixelFormat::r32f: case PixelFormat::rgba32f: break;
+    case PixelFormat::r8:
+    case PixelFormat::rgba8:
+    case PixelFormat::bgra8:
+    case PixelFormat::r32f:
+    case PixelFormat::rgba32f: break;
     default: throw Error(ErrorCode::invalid_argument, "Plan::format must be r8, rgba8, bgra8, r32f or rgba32f on a device");
   }
   if (solver == Solver::cpu) throw Error(ErrorCode::invalid_argument, "the CPU reference is made by make_cpu_aligner");
@@ -49,13 +53,14 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
   std::memset(memory[ids.references].mapped, 0, sizeof(shaders::ReferenceInfo) * slots.size());
 }
 
-DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver)
+DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
+                             Solver solver)
     : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver)) {}
 
 DeviceAligner::~DeviceAligner() = default;
 
-engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
-                                                  Solver solver) {
+engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context, const Plan& plan,
+                                                  const AlignerOptions& options, Solver solver) {
   checked(plan, options, solver);
   const internal::Layout layout(plan, options);
   const internal::WorkgroupSizes sizes(context.info().type);
@@ -73,9 +78,11 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
 void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
                                    std::vector<FeatureCheck> checks) {
   auto* info = memory[ids.references].as<shaders::ReferenceInfo>() + slot;
-  *info = {static_cast<float>(camera.fx), static_cast<float>(camera.fy), static_cast<float>(camera.cx), static_cast<float>(camera.cy),
+  *info = {static_cast<float>(camera.fx),          static_cast<float>(camera.fy),
+           static_cast<float>(camera.cx),          static_cast<float>(camera.cy),
            static_cast<float>(mean_inverse_depth), plan.dense ? 0u : static_cast<uint32_t>(features.size())};
-  auto* list = memory[ids.features].as<shaders::FeatureInfo>() + static_cast<size_t>(slot) * static_cast<size_t>(plan.max_features);
+  auto* list =
+      memory[ids.features].as<shaders::FeatureInfo>() + static_cast<size_t>(slot) * static_cast<size_t>(plan.max_features);
   for (int i = 0; i < features.size(); ++i) {
     const auto k = static_cast<size_t>(i);
     const bool ok = checks[k] == FeatureCheck::ok;
@@ -106,7 +113,8 @@ std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference
     const size_t row = static_cast<size_t>(m.plan.width);
     float* q = m.ids.staging_depth ? m.memory[*m.ids.staging_depth].as<float>() + s * m.layout.levels[0].element_count
                                    : m.memory[m.ids.mask].as<float>() + s * m.layout.element_stride;
-    for (int v = 0; v < m.plan.height; ++v) std::memcpy(q + row * static_cast<size_t>(v), reference.inverse_depth.row(v), row * sizeof(float));
+    for (int v = 0; v < m.plan.height; ++v)
+      std::memcpy(q + row * static_cast<size_t>(v), reference.inverse_depth.row(v), row * sizeof(float));
   }
   m.set_slot(slot, reference.camera, reference.features, mean_q, checks);
   return checks;
@@ -152,8 +160,8 @@ void DeviceAligner::Impl::check_pairs(std::span<const Pair> pairs) const {
   for (size_t i = 0; i < pairs.size(); ++i) {
     internal::check_pair(pairs[i], i, plan);
     if (!slots[static_cast<size_t>(pairs[i].reference)].set)
-      throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
-                                                   std::to_string(pairs[i].reference) + " was never set");
+      throw Error(ErrorCode::invalid_argument,
+                  "pair " + std::to_string(i) + ": reference slot " + std::to_string(pairs[i].reference) + " was never set");
   }
 }
 
@@ -198,8 +206,8 @@ std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair
   for (uint32_t i = 0; i < n; ++i) {
     const Slot& slot = slots[static_cast<size_t>(pairs[i].reference)];
     if (slot.enough)
-      out.push_back(internal::conclude_device(states[i], trace + static_cast<size_t>(i) * layout.trace_stride, options, slot.camera,
-                                              slot.mean_inverse_depth, slot.checks));
+      out.push_back(internal::conclude_device(states[i], trace + static_cast<size_t>(i) * layout.trace_stride, options,
+                                              slot.camera, slot.mean_inverse_depth, slot.checks));
     else
       out.push_back(internal::too_few_features(slot.checks, pairs[i].T_10, options));
   }
@@ -329,8 +337,9 @@ struct DeviceAligner::Impl::HostRun {
       }
       if (m.options.robust != Robust::unit)
         for (LevelTrace& level : out[i].levels) level.scale = states[i].scale[level.level];
-      internal::conclude({lm[i].point(), lm[i].sums(), lm[i].singular(), lm[i].last_step(), slot.camera, slot.mean_inverse_depth},
-                         m.options, out[i]);
+      internal::conclude(
+          {lm[i].point(), lm[i].sums(), lm[i].singular(), lm[i].last_step(), slot.camera, slot.mean_inverse_depth}, m.options,
+          out[i]);
     }
   }
 };
@@ -350,14 +359,17 @@ std::vector<Alignment> DeviceAligner::Impl::align_on_host(std::span<const Pair> 
 
 const Camera& DeviceAligner::camera(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).camera; }
 const Features& DeviceAligner::features(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).features; }
-const std::vector<FeatureCheck>& DeviceAligner::checks(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).checks; }
+const std::vector<FeatureCheck>& DeviceAligner::checks(int slot) const {
+  return impl_->slots.at(static_cast<size_t>(slot)).checks;
+}
 const Plan& DeviceAligner::plan() const { return impl_->plan; }
 int DeviceAligner::pairs_per_batch() const { return impl_->batch; }
 const std::shared_ptr<const engine::Context>& DeviceAligner::context() const { return impl_->context; }
 
 DeviceAligner::Maps DeviceAligner::maps() const {
   const Impl& m = *impl_;
-  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &m.memory[m.ids.maps0], &m.memory[m.ids.maps1], m.layout.map_stride};
+  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &m.memory[m.ids.maps0], &m.memory[m.ids.maps1],
+          m.layout.map_stride};
 }
 
 const engine::Buffer& DeviceAligner::template_pixels() const { return impl_->memory[impl_->ids.template_a]; }
@@ -367,7 +379,9 @@ void DeviceAligner::enable_timing(bool on) {
   impl_->timer = on ? std::make_unique<engine::StageTimer>(impl_->context) : nullptr;
 }
 
-const std::vector<engine::StageTime>& DeviceAligner::times() const { return impl_->timer ? impl_->timer->times() : impl_->no_times; }
+const std::vector<engine::StageTime>& DeviceAligner::times() const {
+  return impl_->timer ? impl_->timer->times() : impl_->no_times;
+}
 
 std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
                                                    const AlignerOptions& options, Solver solver) {

@@ -8,7 +8,8 @@
 
 namespace iclk {
 
-/// A target or reference that lies in a buffer of the application: pixels of the plan's format, `row_pixels` from a row to the next.
+/// A target or reference that lies in a buffer of the application: pixels of the plan's format, `row_pixels` from a row to the
+/// next.
 struct DeviceBufferImage {
   VkBuffer buffer = VK_NULL_HANDLE;
   VkDeviceSize size = 0;    ///< of the buffer, bytes
@@ -16,8 +17,8 @@ struct DeviceBufferImage {
   uint32_t row_pixels = 0;  ///< 0: rows are packed
 };
 
-/// An image on the device: a VkImage (format = the plan's: R8_UNORM, R8G8B8A8_UNORM, B8G8R8A8_UNORM or their SRGB twins, R32_SFLOAT,
-/// R32G32B32A32_SFLOAT) or a VkBuffer. Never freed or kept by us; copied on the device when the commands execute.
+/// An image on the device: a VkImage (format = the plan's: R8_UNORM, R8G8B8A8_UNORM, B8G8R8A8_UNORM or their SRGB twins,
+/// R32_SFLOAT, R32G32B32A32_SFLOAT) or a VkBuffer. Never freed or kept by us; copied on the device when the commands execute.
 using DeviceImage = std::variant<engine::ForeignImage, DeviceBufferImage>;
 
 struct DeviceReference {
@@ -35,8 +36,8 @@ struct DevicePair {
 };
 
 /// The Vulkan solvers: Solver::host (one evaluation a submission, the 6x6 system on the host) and Solver::device (everything in
-/// shaders, one submission a batch). The same contract as every Aligner; poses agree with the CPU reference to single precision.
-/// One thread at a time; any number of aligners may share a context.
+/// shaders, one submission a batch). The same contract as every Aligner; poses agree with the CPU reference to single
+/// precision. One thread at a time; any number of aligners may share a context.
 class DeviceAligner : public Aligner {
  public:
   /// Allocates everything. Throws Error(unsupported) if the plan does not fit the device, with the numbers.
@@ -44,7 +45,8 @@ class DeviceAligner : public Aligner {
   ~DeviceAligner() override;
 
   /// Exactly what the constructor allocates.
-  static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options, Solver solver);
+  static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
+                                            Solver solver);
 
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
   using Aligner::align;
@@ -69,10 +71,10 @@ class DeviceAligner : public Aligner {
   /// Allocates a recording for up to `max_pairs` pairs; record() itself allocates nothing on the device.
   std::unique_ptr<Recording> make_recording(int max_pairs = 1);
 
-  /// Writes a whole alignment, references that are given included, into a command buffer in the recording state; submits nothing.
-  /// Host data (features, first guesses) are taken now, pixels when the commands execute. Only COMPUTE, TRANSFER and HOST stages are
-  /// used. The maps of this aligner are overwritten: what two recordings share is ordered by barriers on one queue.
-  /// Precondition: nothing that uses `recording`, or a slot that `references` sets, is pending. Sparse mode only.
+  /// Writes a whole alignment, references that are given included, into a command buffer in the recording state; submits
+  /// nothing. Host data (features, first guesses) are taken now, pixels when the commands execute. Only COMPUTE, TRANSFER and
+  /// HOST stages are used. The maps of this aligner are overwritten: what two recordings share is ordered by barriers on one
+  /// queue. Precondition: nothing that uses `recording`, or a slot that `references` sets, is pending. Sparse mode only.
   void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
               std::span<const DevicePair> pairs);
 

@@ -10,8 +10,8 @@ namespace {
 // Pair data, states and results of one recording, so that two of them in a command buffer do not meet.
 class DeviceRecording : public DeviceAligner::Recording {
  public:
-  DeviceRecording(std::shared_ptr<const engine::Context> context, const internal::Layout& layout, const internal::Kernels& kernels,
-                  const AlignerOptions& options, int max_pairs)
+  DeviceRecording(std::shared_ptr<const engine::Context> context, const internal::Layout& layout,
+                  const internal::Kernels& kernels, const AlignerOptions& options, int max_pairs)
       : options(options),
         trace_stride(layout.trace_stride),
         max_pairs(max_pairs),
@@ -70,19 +70,22 @@ void check_device_image(const DeviceImage& image, const Plan& plan, const std::s
     if (foreign->handle == VK_NULL_HANDLE) refuse("the VkImage is null");
     if (foreign->layout == VK_IMAGE_LAYOUT_UNDEFINED) refuse("the VkImage is in an undefined layout, which has no content");
     if (foreign->width != static_cast<uint32_t>(plan.width) || foreign->height != static_cast<uint32_t>(plan.height))
-      refuse("the VkImage is " + std::to_string(foreign->width) + "x" + std::to_string(foreign->height) + ", the plan was made for " + size);
+      refuse("the VkImage is " + std::to_string(foreign->width) + "x" + std::to_string(foreign->height) +
+             ", the plan was made for " + size);
     if (!same_pixels(foreign->format, plan.format))
       refuse("VkFormat " + std::to_string(foreign->format) + " is not the plan's pixel format");
   } else {
     const auto& buffer = std::get<DeviceBufferImage>(image);
     const uint32_t row = buffer.row_pixels ? buffer.row_pixels : static_cast<uint32_t>(plan.width);
     if (buffer.buffer == VK_NULL_HANDLE) refuse("the VkBuffer is null");
-    if (row < static_cast<uint32_t>(plan.width)) refuse("rows of " + std::to_string(row) + " pixels are shorter than the image's");
-    const uint64_t need = buffer.offset + bytes_per_pixel(plan.format) * (static_cast<uint64_t>(row) * static_cast<uint64_t>(plan.height - 1) +
-                                                                         static_cast<uint64_t>(plan.width));
+    if (row < static_cast<uint32_t>(plan.width))
+      refuse("rows of " + std::to_string(row) + " pixels are shorter than the image's");
+    const uint64_t need =
+        buffer.offset + bytes_per_pixel(plan.format) * (static_cast<uint64_t>(row) * static_cast<uint64_t>(plan.height - 1) +
+                                                        static_cast<uint64_t>(plan.width));
     if (buffer.offset % 4 || buffer.offset > buffer.size || need > buffer.size)  // a huge offset wraps round in `need`
-      refuse("the VkBuffer has " + std::to_string(buffer.size) + " bytes, the image at offset " + std::to_string(buffer.offset) +
-             " (a multiple of 4) needs " + std::to_string(need));
+      refuse("the VkBuffer has " + std::to_string(buffer.size) + " bytes, the image at offset " +
+             std::to_string(buffer.offset) + " (a multiple of 4) needs " + std::to_string(need));
   }
 }
 
@@ -96,7 +99,8 @@ void copy_pixels(engine::Recorder& recorder, const DeviceImage& image, const Pla
   const uint64_t row = pixel * (source.row_pixels ? source.row_pixels : static_cast<uint32_t>(plan.width));
   std::vector<VkBufferCopy> regions;
   for (uint64_t v = 0; v < static_cast<uint64_t>(plan.height); ++v)
-    regions.push_back({source.offset + row * v, offset + pixel * layout.row_pixels() * v, pixel * static_cast<uint64_t>(plan.width)});
+    regions.push_back(
+        {source.offset + row * v, offset + pixel * layout.row_pixels() * v, pixel * static_cast<uint64_t>(plan.width)});
   engine::Buffer wrapped;
   wrapped.handle = source.buffer;
   wrapped.size = source.size;
@@ -108,7 +112,8 @@ void copy_pixels(engine::Recorder& recorder, const DeviceImage& image, const Pla
 std::unique_ptr<DeviceAligner::Recording> DeviceAligner::make_recording(int max_pairs) {
   const Impl& m = *impl_;
   if (max_pairs < 1 || max_pairs > m.batch)
-    throw Error(ErrorCode::invalid_argument, "a recording for " + std::to_string(max_pairs) + " pairs, the plan holds 1 to " + std::to_string(m.batch));
+    throw Error(ErrorCode::invalid_argument,
+                "a recording for " + std::to_string(max_pairs) + " pairs, the plan holds 1 to " + std::to_string(m.batch));
   return std::make_unique<DeviceRecording>(m.context, m.layout, m.kernels, m.options, max_pairs);
 }
 
@@ -118,9 +123,11 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   auto* recording = dynamic_cast<DeviceRecording*>(&base);
   if (!recording) throw Error(ErrorCode::invalid_argument, "the recording was not made by DeviceAligner::make_recording");
   if (m.plan.dense) throw Error(ErrorCode::unsupported, "record() serves sparse plans only");
-  if (m.solver != Solver::device) throw Error(ErrorCode::invalid_argument, "record() needs an aligner made with Solver::device");
+  if (m.solver != Solver::device)
+    throw Error(ErrorCode::invalid_argument, "record() needs an aligner made with Solver::device");
   if (pairs.empty() || pairs.size() > static_cast<size_t>(recording->max_pairs))
-    throw Error(ErrorCode::invalid_argument, std::to_string(pairs.size()) + " pairs, the recording holds 1 to " + std::to_string(recording->max_pairs));
+    throw Error(ErrorCode::invalid_argument,
+                std::to_string(pairs.size()) + " pairs, the recording holds 1 to " + std::to_string(recording->max_pairs));
 
   // Everything is checked before the first command is written.
   std::vector<bool> will_be_set(m.slots.size());
@@ -137,7 +144,8 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     const std::string what = "pair " + std::to_string(i);
     internal::check_slot(pairs[i].reference, m.plan);
     if (!will_be_set[static_cast<size_t>(pairs[i].reference)])
-      throw Error(ErrorCode::invalid_argument, what + ": reference slot " + std::to_string(pairs[i].reference) + " was never set");
+      throw Error(ErrorCode::invalid_argument,
+                  what + ": reference slot " + std::to_string(pairs[i].reference) + " was never set");
     check_device_image(pairs[i].target, m.plan, what + ", target");
     internal::check_pose({pairs[i].reference, {}, pairs[i].T_10, pairs[i].prior}, what + ": ");
   }
@@ -147,19 +155,22 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   engine::Recorder recorder(*m.context, commands, recording->arena);
   const VkDeviceSize image_bytes = 4ull * m.layout.pixel_words;
   m.prepare_dirty(recorder);  // keyframes that set_reference() left for the next submission
-  const internal::Stages stages{m.layout, m.plan, m.options, m.sizes, m.kernels, m.ids, m.memory, recording->run_ids, recording->run};
+  const internal::Stages stages{m.layout, m.plan,   m.options,          m.sizes,       m.kernels,
+                                m.ids,    m.memory, recording->run_ids, recording->run};
   for (const DeviceReference& reference : references) {
     auto checks = check_features(reference.features, reference.camera);
     const double mean_q = internal::mean_inverse_depth({{}, reference.camera, reference.features, {}}, checks, false);
     m.set_slot(reference.slot, reference.camera, reference.features, mean_q, std::move(checks));
     m.slots[static_cast<size_t>(reference.slot)].dirty = false;
-    copy_pixels(recorder, reference.image, m.plan, m.layout, m.memory[m.ids.pixels0], image_bytes * static_cast<uint64_t>(reference.slot));
+    copy_pixels(recorder, reference.image, m.plan, m.layout, m.memory[m.ids.pixels0],
+                image_bytes * static_cast<uint64_t>(reference.slot));
     stages.prepare(recorder, static_cast<uint32_t>(reference.slot), 1);
   }
   auto* infos = recording->run[recording->run_ids.pairs].as<shaders::PairInfo>();
   for (size_t i = 0; i < pairs.size(); ++i) {
     const Impl::Slot& slot = m.slots[static_cast<size_t>(pairs[i].reference)];
-    infos[i] = internal::pack_pair(pairs[i].T_10, pairs[i].prior ? &*pairs[i].prior : nullptr, pairs[i].reference, slot.enough, m.options);
+    infos[i] = internal::pack_pair(pairs[i].T_10, pairs[i].prior ? &*pairs[i].prior : nullptr, pairs[i].reference, slot.enough,
+                                   m.options);
     recording->taken.push_back({slot.enough, pairs[i].T_10, slot.camera, slot.mean_inverse_depth, slot.checks});
     copy_pixels(recorder, pairs[i].target, m.plan, m.layout, m.memory[m.ids.pixels1], image_bytes * i);
   }

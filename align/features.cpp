@@ -18,8 +18,8 @@ const char* name(FeatureCheck check) {
 std::vector<FeatureCheck> check_features(const Features& features, const Camera& camera) {
   const size_t n = features.uv.size();
   if (features.inverse_depth.size() != n)
-    throw Error(ErrorCode::invalid_argument, std::to_string(n) + " feature pixels but " +
-                                                 std::to_string(features.inverse_depth.size()) + " inverse depths");
+    throw Error(ErrorCode::invalid_argument,
+                std::to_string(n) + " feature pixels but " + std::to_string(features.inverse_depth.size()) + " inverse depths");
   if (!features.inverse_depth_sigma.empty() && features.inverse_depth_sigma.size() != n)
     throw Error(ErrorCode::invalid_argument, std::to_string(n) + " feature pixels but " +
                                                  std::to_string(features.inverse_depth_sigma.size()) + " inverse depth sigmas");

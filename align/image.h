@@ -9,8 +9,12 @@ enum class PixelFormat : uint32_t { r8, rgb8, bgr8, rgba8, bgra8, r16, rgb16, bg
 
 constexpr int channels(PixelFormat f) {
   switch (f) {
-    case PixelFormat::r8: case PixelFormat::r16: case PixelFormat::r32f: return 1;
-    case PixelFormat::rgba8: case PixelFormat::bgra8: case PixelFormat::rgba32f: return 4;
+    case PixelFormat::r8:
+    case PixelFormat::r16:
+    case PixelFormat::r32f: return 1;
+    case PixelFormat::rgba8:
+    case PixelFormat::bgra8:
+    case PixelFormat::rgba32f: return 4;
     default: return 3;
   }
 }
@@ -19,9 +23,13 @@ constexpr size_t bytes_per_pixel(PixelFormat f) {
   switch (f) {
     case PixelFormat::r8: return 1;
     case PixelFormat::r16: return 2;
-    case PixelFormat::rgb8: case PixelFormat::bgr8: return 3;
-    case PixelFormat::rgba8: case PixelFormat::bgra8: case PixelFormat::r32f: return 4;
-    case PixelFormat::rgb16: case PixelFormat::bgr16: return 6;
+    case PixelFormat::rgb8:
+    case PixelFormat::bgr8: return 3;
+    case PixelFormat::rgba8:
+    case PixelFormat::bgra8:
+    case PixelFormat::r32f: return 4;
+    case PixelFormat::rgb16:
+    case PixelFormat::bgr16: return 6;
     case PixelFormat::rgb32f: return 12;
     case PixelFormat::rgba32f: return 16;
   }

@@ -19,17 +19,17 @@ enum class Damping {
 /// How to align. Defaults: the classical mode (grey pyramid) with gain and bias.
 struct AlignerOptions {
   int levels = 4;
-  int iterations = 10;          ///< at most, a level
-  double lambda = 1e-6;         ///< damping, or its start value
+  int iterations = 10;   ///< at most, a level
+  double lambda = 1e-6;  ///< damping, or its start value
   Damping damping = Damping::fixed;
   Robust robust = Robust::unit;
-  bool photometric = true;      ///< estimate gain a and bias b of the pair: r = f1(warp) - (a f0 + b)
+  bool photometric = true;  ///< estimate gain a and bias b of the pair: r = f1(warp) - (a f0 + b)
   /// A level ends early when a step moves no pixel of it by more than this (px of that level). 0: never, as in the paper.
   double step_tolerance = 0.003;
-  int min_features = 6;         ///< fewer usable features end in Status::too_few_features
-  double min_visible = 0.3;     ///< a smaller share of patch pixels inside the target ends in Status::low_overlap
-  double min_correlation = 0.4; ///< a smaller correlation of f0 and the warped f1 at the end ends in Status::diverged
-  double residual_sigma = 0.02; ///< standard deviation of a residual, in feature units: the photometric weight beside a prior
+  int min_features = 6;          ///< fewer usable features end in Status::too_few_features
+  double min_visible = 0.3;      ///< a smaller share of patch pixels inside the target ends in Status::low_overlap
+  double min_correlation = 0.4;  ///< a smaller correlation of f0 and the warped f1 at the end ends in Status::diverged
+  double residual_sigma = 0.02;  ///< standard deviation of a residual, in feature units: the photometric weight beside a prior
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
@@ -37,12 +37,13 @@ struct AlignerOptions {
 
 /// What an aligner is sized for: its memory is allocated once, for this.
 struct Plan {
-  int width = 0, height = 0;               ///< of every image
-  int max_features = 50;                   ///< a reference
-  int max_references = 1;                  ///< prepared references (keyframes) held at a time
-  int max_pairs = 1;                       ///< pairs aligned in one batch; larger spans are split
-  bool dense = false;                      ///< every pixel with depth instead of patches around features
-  PixelFormat format = PixelFormat::rgba8; ///< device-side format: r8, rgba8, bgra8, r32f or rgba32f. Host pixels are converted to it.
+  int width = 0, height = 0;  ///< of every image
+  int max_features = 50;      ///< a reference
+  int max_references = 1;     ///< prepared references (keyframes) held at a time
+  int max_pairs = 1;          ///< pairs aligned in one batch; larger spans are split
+  bool dense = false;         ///< every pixel with depth instead of patches around features
+  PixelFormat format =
+      PixelFormat::rgba8;  ///< device-side format: r8, rgba8, bgra8, r32f or rgba32f. Host pixels are converted to it.
 
   void check(const AlignerOptions& options) const;
 };

@@ -14,7 +14,8 @@ float luma(const T* p, int r, int g, int b, float scale) {
 template <class T>
 void grey_row(const ImageView& image, int v, float scale, float* out) {
   const int n = channels(image.format);
-  const bool bgr = image.format == PixelFormat::bgr8 || image.format == PixelFormat::bgra8 || image.format == PixelFormat::bgr16;
+  const bool bgr =
+      image.format == PixelFormat::bgr8 || image.format == PixelFormat::bgra8 || image.format == PixelFormat::bgr16;
   std::vector<T> row(static_cast<size_t>(image.width) * n);
   std::memcpy(row.data(), image.row(v), row.size() * sizeof(T));  // the caller's rows need not be aligned to T
   for (int u = 0; u < image.width; ++u) {
@@ -47,15 +48,17 @@ Map grey_map(const ImageView& image) {
   for (int v = 0; v < image.height; ++v) {
     float* out = map.data.data() + static_cast<size_t>(v) * image.width;
     switch (image.format) {
-      case PixelFormat::r8: case PixelFormat::rgb8: case PixelFormat::bgr8: case PixelFormat::rgba8: case PixelFormat::bgra8:
-        grey_row<uint8_t>(image, v, 1.0f / 255.0f, out);
-        break;
-      case PixelFormat::r16: case PixelFormat::rgb16: case PixelFormat::bgr16:
-        grey_row<uint16_t>(image, v, 1.0f / 65535.0f, out);
-        break;
-      case PixelFormat::r32f: case PixelFormat::rgb32f: case PixelFormat::rgba32f:
-        grey_row<float>(image, v, 1.0f, out);
-        break;
+      case PixelFormat::r8:
+      case PixelFormat::rgb8:
+      case PixelFormat::bgr8:
+      case PixelFormat::rgba8:
+      case PixelFormat::bgra8: grey_row<uint8_t>(image, v, 1.0f / 255.0f, out); break;
+      case PixelFormat::r16:
+      case PixelFormat::rgb16:
+      case PixelFormat::bgr16: grey_row<uint16_t>(image, v, 1.0f / 65535.0f, out); break;
+      case PixelFormat::r32f:
+      case PixelFormat::rgb32f:
+      case PixelFormat::rgba32f: grey_row<float>(image, v, 1.0f, out); break;
     }
   }
   return map;

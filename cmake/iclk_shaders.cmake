@@ -1,5 +1,5 @@
-# iclk_shaders(target [SOURCE_DIR dir] file.comp ...): compiles dir/file.comp (default shaders/) to SPIR-V at build time and embeds
-# it: the generated header "file.comp.spv.h" holds the words as the array `file_comp_spv`.
+# iclk_shaders(target [SOURCE_DIR dir] file.comp ...): compiles dir/file.comp (default shaders/) to SPIR-V at build time and
+# embeds it: the generated header "file.comp.spv.h" holds the words as the array `file_comp_spv`.
 # Every shader is rebuilt when any GLSL header changes.
 find_program(ICLK_GLSLANG glslangValidator REQUIRED)
 

@@ -1,7 +1,8 @@
 #version 460
-// Feature alignment: one feature a workgroup, one row of its 8x8 patch an invocation. refine/feature_alignment.cpp is the same, function
-// by function, in double precision.
-// Inputs: grey maps, tasks, features (inverse depth 0: takes no part). Output: one AlignedInfo a feature. Groups: (features, tasks).
+// Feature alignment: one feature a workgroup, one row of its 8x8 patch an invocation. refine/feature_alignment.cpp is the
+// same, function by function, in double precision.
+// Inputs: grey maps, tasks, features (inverse depth 0: takes no part). Output: one AlignedInfo a feature.
+// Groups: (features, tasks).
 // Every invocation of a group holds the same position and sums, so branches on them are uniform and barriers within them legal.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -300,6 +301,6 @@ void main() {
   index += task.first_feature;
   Feature f = align_feature(features[index], task);
   if (row == 0)
-    aligned[index] = AlignedInfo(f.uv1.x, f.uv1.y, f.covariance.x, f.covariance.y, f.covariance.z, f.gain, f.bias, f.correlation,
-                                 f.iterations, f.status);
+    aligned[index] = AlignedInfo(f.uv1.x, f.uv1.y, f.covariance.x, f.covariance.y, f.covariance.z, f.gain, f.bias,
+                                 f.correlation, f.iterations, f.status);
 }

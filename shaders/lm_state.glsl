@@ -20,7 +20,9 @@ Lm load_state(uint pair) {
   lm.has_accepted = states[pair].has_accepted != 0u;
   lm.done = states[pair].done != 0u;
   lm.singular = states[pair].singular != 0u;
-#define LOAD_SUM(n) accepted_sums[n] = vec4(states[pair].sums[4 * n], states[pair].sums[4 * n + 1], states[pair].sums[4 * n + 2], states[pair].sums[4 * n + 3]);
+#define LOAD_SUM(n)                                                                                \
+  accepted_sums[n] = vec4(states[pair].sums[4 * n], states[pair].sums[4 * n + 1],                  \
+                          states[pair].sums[4 * n + 2], states[pair].sums[4 * n + 3]);
   LOAD_SUM(0) LOAD_SUM(1) LOAD_SUM(2) LOAD_SUM(3) LOAD_SUM(4) LOAD_SUM(5) LOAD_SUM(6) LOAD_SUM(7)
   LOAD_SUM(8) LOAD_SUM(9) LOAD_SUM(10) LOAD_SUM(11) LOAD_SUM(12) LOAD_SUM(13) LOAD_SUM(14)
   return lm;

@@ -1,6 +1,7 @@
 #version 460
-// One Levenberg-Marquardt step from the parts of normal_equations.comp. push.iterations is the number of this iteration;
-// iteration 0 begins the level. Groups: (pairs, 1, 1); 16 invocations: one for each of the 15 vectors of sums, then each solves.
+// One Levenberg-Marquardt step from the parts of normal_equations.comp. push.iterations is the number of this
+// iteration; iteration 0 begins the level. Groups: (pairs, 1, 1); 16 invocations: one for each of
+// the 15 vectors of sums, then each solves.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"

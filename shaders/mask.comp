@@ -1,7 +1,7 @@
 #version 460
-// Mask and inverse depth of a reference (align/internal/mask.h: sparse_mask): for each pixel of each feature's patch, the feature's
-// inverse depth if the pixel belongs to it, else 0. A pixel in several patches belongs to the nearest feature, on a tie to the
-// lower index: a minimum over the features whose patches meet this one, so no order and no atomics matter.
+// Mask and inverse depth of a reference (align/internal/mask.h: sparse_mask): for each pixel of each feature's patch, the
+// feature's inverse depth if the pixel belongs to it, else 0. A pixel in several patches belongs to the nearest feature,
+// on a tie to the lower index: a minimum over the features whose patches meet this one, so no order and no atomics matter.
 // Groups: (max_features, levels, references); 64 invocations, one a patch pixel.
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -15,7 +15,9 @@ layout(push_constant) uniform Push { MaskPush push; };
 shared uint neighbours[ICLK_PATCH_AREA];
 shared uint neighbour_count;
 
-vec2 centre(uint reference, uint feature, float scale) { return (features[reference * push.max_features + feature].xy + 0.5) * scale - 0.5; }
+vec2 centre(uint reference, uint feature, float scale) {
+  return (features[reference * push.max_features + feature].xy + 0.5) * scale - 0.5;
+}
 
 void main() {
   uint feature = gl_WorkGroupID.x, level = gl_WorkGroupID.y, reference = push.first_reference + gl_WorkGroupID.z;

@@ -1,6 +1,6 @@
 #version 460
-// One evaluation of the sums of the normal equations, in parts: each workgroup sums a slice of a pair's elements. The host solver
-// adds the parts on the host, the device solver in lm_step.comp; both in the order of the slices.
+// One evaluation of the sums of the normal equations, in parts: each workgroup sums a slice of a pair's elements. The host
+// solver adds the parts on the host, the device solver in lm_step.comp; both in the order of the slices.
 // Groups: (groups, pairs, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -35,8 +35,8 @@ void main() {
   reduce_sums();
   if (gl_LocalInvocationIndex == 0u) {
     uint at = (pair * push.groups + gl_WorkGroupID.x) * ICLK_SUM_VECTORS;
-    parts[at] = sums[0]; parts[at + 1u] = sums[1]; parts[at + 2u] = sums[2]; parts[at + 3u] = sums[3]; parts[at + 4u] = sums[4];
-    parts[at + 5u] = sums[5]; parts[at + 6u] = sums[6]; parts[at + 7u] = sums[7]; parts[at + 8u] = sums[8]; parts[at + 9u] = sums[9];
-    parts[at + 10u] = sums[10]; parts[at + 11u] = sums[11]; parts[at + 12u] = sums[12]; parts[at + 13u] = sums[13]; parts[at + 14u] = sums[14];
+#define STORE(n) parts[at + n] = sums[n];
+    STORE(0) STORE(1) STORE(2) STORE(3) STORE(4) STORE(5) STORE(6) STORE(7)
+    STORE(8) STORE(9) STORE(10) STORE(11) STORE(12) STORE(13) STORE(14)
   }
 }

@@ -1,6 +1,7 @@
 #version 460
 // Grey pyramid, levels 0 to 3 in one pass: pixels -> maps. An invocation makes an 8x8 block of level 0 and what lies above it.
-// Inputs: raw pixels, rows padded to whole blocks. Outputs: one map a level (align/pyramid.h: grey_pyramid); padding holds garbage.
+// Inputs: raw pixels, rows padded to whole blocks. Outputs: one map a level (align/pyramid.h: grey_pyramid);
+// padding holds garbage.
 // Groups: (ceil(blocks_x / local size), blocks_y, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -96,6 +97,7 @@ void main() {
     if (v < levels[2].height) maps2[at >> 1] = two0;
     if (v + 1u < levels[2].height) maps2[(at + levels[2].pitch) >> 1] = two1;
     if (LEVELS > 3 && block_y < levels[3].height)
-      maps1[out_base + levels[3].map_offset + block_y * levels[3].pitch + block_x] = 0.25 * ((two0.x + two0.y) + (two1.x + two1.y));
+      maps1[out_base + levels[3].map_offset + block_y * levels[3].pitch + block_x] =
+          0.25 * ((two0.x + two0.y) + (two1.x + two1.y));
   }
 }

@@ -19,7 +19,8 @@ Pose se3_exp(vec3 rho, vec3 phi) {
   float safe = small_angle ? 1.0 : theta;
   float half_sine = sin(0.5 * safe);
   float a = small_angle ? 1.0 - theta2 * (1.0 / 6.0 - theta2 * (1.0 / 120.0 - theta2 / 5040.0)) : sin(safe) / safe;
-  float b = small_angle ? 0.5 - theta2 * (1.0 / 24.0 - theta2 * (1.0 / 720.0 - theta2 / 40320.0)) : 2.0 * half_sine * half_sine / (safe * safe);
+  float b = small_angle ? 0.5 - theta2 * (1.0 / 24.0 - theta2 * (1.0 / 720.0 - theta2 / 40320.0))
+                        : 2.0 * half_sine * half_sine / (safe * safe);
   float c = small_angle ? 1.0 / 6.0 - theta2 * (1.0 / 120.0 - theta2 * (1.0 / 5040.0 - theta2 / 362880.0))
                         : (safe - sin(safe)) / (safe * safe * safe);
   mat3 W = hat(phi);

@@ -80,10 +80,10 @@ struct FeatureInfo {
 // What the host says of a pair. Poses are 3x4, row-major: R | t.
 struct PairInfo {
   uint reference;
-  uint enabled;          // 0: nothing is computed for this pair
+  uint enabled;  // 0: nothing is computed for this pair
   uint has_prior;
   uint unused;
-  float gain, bias;      // where to evaluate: the host solver's point
+  float gain, bias;  // where to evaluate: the host solver's point
   float pose[12];
   float prior_pose[12];
   float prior_information[36];  // times residual_sigma^2
@@ -97,15 +97,15 @@ struct PairInfo {
 
 // What the device solver keeps of a pair from one step to the next, and leaves for the host to read.
 struct PairState {
-  float pose[12], gain, bias;                     // where to evaluate next
+  float pose[12], gain, bias;  // where to evaluate next
   float accepted_pose[12], accepted_gain, accepted_bias;
-  float sums[ICLK_SUM_FLOATS];                    // at the accepted point
+  float sums[ICLK_SUM_FLOATS];  // at the accepted point
   float objective, predicted;
   float lambda, nu;
   float last_step;
   uint has_accepted, done, singular;
-  uint iterations[ICLK_MAX_LEVELS];               // taken at each level
-  float scale[ICLK_MAX_LEVELS];                   // robust scale of each level
+  uint iterations[ICLK_MAX_LEVELS];  // taken at each level
+  float scale[ICLK_MAX_LEVELS];      // robust scale of each level
 };
 
 // One iteration of the trace.
@@ -117,13 +117,13 @@ struct TraceEntry {
 
 // What a recording leaves for the application's own shaders: the verdict of align/internal/verdict.h without its eigenvalues.
 struct ResultInfo {
-  float pose[12];          // T_10, 3x4 row-major
+  float pose[12];  // T_10, 3x4 row-major
   float gain, bias;
-  float cost;              // mean weighted squared residual
+  float cost;  // mean weighted squared residual
   float visible_fraction;
   float correlation;
-  float last_step;         // px
-  uint status;             // iclk::Status
+  float last_step;  // px
+  uint status;      // iclk::Status
   uint unused;
 };
 
@@ -133,15 +133,15 @@ struct ResultPush {
 };
 
 struct PyramidPush {
-  uint width, height;      // of level 0
+  uint width, height;  // of level 0
   uint blocks_x;
-  uint pixel_stride;       // 32-bit words from an image to the next
-  uint map_stride;         // floats from an image's maps to the next
-  uint first_image;        // images first_image .. first_image + groups z - 1
+  uint pixel_stride;  // 32-bit words from an image to the next
+  uint map_stride;    // floats from an image's maps to the next
+  uint first_image;   // images first_image .. first_image + groups z - 1
 };
 
 struct HalvePush {
-  uint level;              // to make, from level - 1
+  uint level;  // to make, from level - 1
   uint map_stride;
   uint first_image;
 };
@@ -149,7 +149,7 @@ struct HalvePush {
 struct MaskPush {
   uint first_reference;
   uint max_features;
-  uint element_stride;     // elements from a reference's template to the next
+  uint element_stride;  // elements from a reference's template to the next
 };
 
 struct JacobianPush {
@@ -163,22 +163,22 @@ struct JacobianPush {
 struct IteratePush {
   uint level;
   uint element_stride;
-  uint map_stride;         // of the target's maps
-  uint weight_stride;      // elements from a pair's weights to the next
-  uint iterations;         // iterate: at most; normal_equations, lm_step: number of this one
-  uint group_elements;     // normal_equations: elements a workgroup
-  uint groups;             // normal_equations: workgroups a pair
+  uint map_stride;      // of the target's maps
+  uint weight_stride;   // elements from a pair's weights to the next
+  uint iterations;      // iterate: at most; normal_equations, lm_step: number of this one
+  uint group_elements;  // normal_equations: elements a workgroup
+  uint groups;          // normal_equations: workgroups a pair
   uint flags;
   float lambda;
   float step_tolerance;
-  uint trace_stride;       // entries from a pair's trace to the next
-  uint trace_offset;       // of this level
+  uint trace_stride;  // entries from a pair's trace to the next
+  uint trace_offset;  // of this level
 };
 // flags
-#define ICLK_FLAG_UNIT_WEIGHTS 1u   // do not read the weights
-#define ICLK_FLAG_END 2u            // evaluate once more after the last step and judge it
-#define ICLK_FLAG_START 4u          // start gain and bias from the moments of the images, take no step
-#define ICLK_FLAG_GIVEN 8u          // the point is the host's (PairInfo), not the state's
+#define ICLK_FLAG_UNIT_WEIGHTS 1u  // do not read the weights
+#define ICLK_FLAG_END 2u           // evaluate once more after the last step and judge it
+#define ICLK_FLAG_START 4u         // start gain and bias from the moments of the images, take no step
+#define ICLK_FLAG_GIVEN 8u         // the point is the host's (PairInfo), not the state's
 
 // Feature alignment: all features of one pair, warped by one pose.
 struct FeatureTask {
@@ -193,14 +193,14 @@ struct AlignedInfo {
   float covariance_uu, covariance_uv, covariance_vv;
   float gain, bias, correlation;
   uint iterations;
-  uint status;             // iclk::FeatureStatus
+  uint status;  // iclk::FeatureStatus
 };
 
 struct FeatureAlignmentPush {
   uint map_stride;
   uint level_count;
   uint iterations;
-  uint coarse_start;       // iclk::CoarseStart
+  uint coarse_start;  // iclk::CoarseStart
   float step_tolerance, max_motion, min_correlation, min_texture;
 };
 

@@ -1,7 +1,7 @@
 #version 460
-// Robust weights of a level from its starting residuals (align/internal/weights.h): the scale is 1.4826 times the lower median of
-// |r|, found exactly by a radix selection over the bits of |r| (non-negative floats order like their bits), then one weight a
-// residual. Groups: (pairs, 1, 1), one workgroup a pair.
+// Robust weights of a level from its starting residuals (align/internal/weights.h): the scale is 1.4826 times the lower
+// median of |r|, found exactly by a radix selection over the bits of |r| (non-negative floats order like their
+// bits), then one weight a residual. Groups: (pairs, 1, 1), one workgroup a pair.
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 layout(local_size_x_id = 0) in;

@@ -42,7 +42,8 @@ struct DeviceAligner::Impl {
 
   void check_pairs(std::span<const Pair> pairs) const;
   /// Host data of a slot: camera, features, verdicts. Pixels are another matter.
-  void set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth, std::vector<FeatureCheck> checks);
+  void set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
+                std::vector<FeatureCheck> checks);
   /// Copies staged pixels and prepares what is dirty.
   void prepare_dirty(engine::Recorder& recorder);
   void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);

@@ -25,7 +25,8 @@ void check_slot(int slot, const Plan& plan) {
 void check_image(const ImageView& image, const char* what, const Plan& plan) {
   if (image.empty()) refuse(std::string(what) + " is empty (" + size(image.width, image.height) + ")");
   if (image.width != plan.width || image.height != plan.height)
-    refuse(std::string(what) + " is " + size(image.width, image.height) + ", the plan was made for " + size(plan.width, plan.height));
+    refuse(std::string(what) + " is " + size(image.width, image.height) + ", the plan was made for " +
+           size(plan.width, plan.height));
   if (image.row_stride && image.row_stride < static_cast<size_t>(image.width) * bytes_per_pixel(image.format))
     refuse(std::string(what) + " has a row stride of " + std::to_string(image.row_stride) + " bytes, shorter than a row");
 }

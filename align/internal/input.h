@@ -11,7 +11,7 @@ void check_image(const ImageView& image, const char* what, const Plan& plan);
 void check_reference(const Reference& reference, const Plan& plan);
 void check_reference_data(const Reference& reference, const Plan& plan);  ///< camera and number of features only
 void check_pair(const Pair& pair, size_t index, const Plan& plan);
-void check_pose(const Pair& pair, const std::string& which);              ///< first guess and prior only
+void check_pose(const Pair& pair, const std::string& which);  ///< first guess and prior only
 
 /// Mean inverse depth of what takes part: usable features, or valid pixels in dense mode. 0 if there is none.
 double mean_inverse_depth(const Reference& reference, std::span<const FeatureCheck> checks, bool dense);

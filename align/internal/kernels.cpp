@@ -32,32 +32,59 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   using enum engine::BindingKind;
   using namespace shaders;
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive;
-  pyramid = {context, {"pyramid", pyramid_comp_spv, {storage_read, storage_read, storage_write}, sizeof(PyramidPush),
-                       {sizes.map, shader_format(plan.format), static_cast<uint32_t>(options.levels)}}};
+  pyramid = {context,
+             {"pyramid",
+              pyramid_comp_spv,
+              {storage_read, storage_read, storage_write},
+              sizeof(PyramidPush),
+              {sizes.map, shader_format(plan.format), static_cast<uint32_t>(options.levels)}}};
   halve = {context, {"pyramid", halve_comp_spv, {storage_read, storage_read_write}, sizeof(HalvePush), {sizes.map}}};
   if (plan.dense)
-    inverse_depth = {context, {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}}};
+    inverse_depth = {context,
+                     {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}}};
   else
     mask = {context, {"mask", mask_comp_spv, {storage_read, storage_read, storage_read, storage_write}, sizeof(MaskPush), {}}};
-  jacobian = {context, {"jacobian", jacobian_comp_spv,
-                        {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write}, sizeof(JacobianPush),
-                        {sizes.map, plan.dense}}};
+  jacobian = {context,
+              {"jacobian",
+               jacobian_comp_spv,
+               {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write},
+               sizeof(JacobianPush),
+               {sizes.map, plan.dense}}};
   if (options.robust != Robust::unit) {
-    residual = {context, {"residual", residual_comp_spv,
-                          {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
-                           storage_write}, sizeof(IteratePush), {sizes.map}}};
-    weights = {context, {"weights", weights_comp_spv, {storage_read, storage_read, storage_read, storage_write, storage_read_write},
-                         sizeof(IteratePush), {sizes.weights, static_cast<uint32_t>(options.robust)}}};
+    residual = {context,
+                {"residual",
+                 residual_comp_spv,
+                 {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
+                  storage_write},
+                 sizeof(IteratePush),
+                 {sizes.map}}};
+    weights = {context,
+               {"weights",
+                weights_comp_spv,
+                {storage_read, storage_read, storage_read, storage_write, storage_read_write},
+                sizeof(IteratePush),
+                {sizes.weights, static_cast<uint32_t>(options.robust)}}};
   }
-  normal_equations = {context, {"normal_equations", normal_equations_comp_spv,
-                                {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
-                                 storage_read, storage_write}, sizeof(IteratePush), {sizes.iterate}}};
-  lm_step = {context, {"lm_step", lm_step_comp_spv,
-                       {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write}, sizeof(IteratePush),
-                       {0, photometric, adaptive}}};
-  iterate = {context, {"iterate", iterate_comp_spv,
+  normal_equations = {context,
+                      {"normal_equations",
+                       normal_equations_comp_spv,
                        {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
-                        storage_read_write, storage_write}, sizeof(IteratePush), {sizes.iterate, photometric, adaptive}}};
+                        storage_read, storage_write},
+                       sizeof(IteratePush),
+                       {sizes.iterate}}};
+  lm_step = {context,
+             {"lm_step",
+              lm_step_comp_spv,
+              {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write},
+              sizeof(IteratePush),
+              {0, photometric, adaptive}}};
+  iterate = {context,
+             {"iterate",
+              iterate_comp_spv,
+              {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read_write,
+               storage_write},
+              sizeof(IteratePush),
+              {sizes.iterate, photometric, adaptive}}};
   result = {context, {"result", result_comp_spv, {storage_read, storage_read, storage_write}, sizeof(ResultPush), {}}};
 }
 

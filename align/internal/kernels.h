@@ -6,7 +6,8 @@ namespace iclk::internal {
 
 /// The shaders of shaders/, specialised for a plan.
 struct Kernels {
-  Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, const WorkgroupSizes& sizes);
+  Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
+          const WorkgroupSizes& sizes);
 
   engine::Kernel pyramid, halve, mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate, result;
 };

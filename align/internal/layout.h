@@ -30,11 +30,11 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
 /// Invocations a workgroup by what the device is: a CPU runs one SIMD vector at a time and pays for every masked lane.
 struct WorkgroupSizes {
   explicit WorkgroupSizes(engine::DeviceType type);
-  uint32_t iterate;           // sums with a reduction
-  uint32_t map;               // one invocation a pixel, block or element
-  uint32_t weights;           // one workgroup a pair
-  uint32_t group_elements;    // normal_equations: elements a workgroup
-  uint32_t fused_elements;    // iterate.comp serves levels of up to so many elements
+  uint32_t iterate;         // sums with a reduction
+  uint32_t map;             // one invocation a pixel, block or element
+  uint32_t weights;         // one workgroup a pair
+  uint32_t group_elements;  // normal_equations: elements a workgroup
+  uint32_t fused_elements;  // iterate.comp serves levels of up to so many elements
 };
 
 }  // namespace iclk::internal

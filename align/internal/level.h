@@ -10,10 +10,10 @@ namespace iclk::internal {
 /// One pixel of the mask of a level with all that the iterations need of image 0. inverse_depth 0 = outside the mask.
 /// Sparse mode: element feature * 64 + patch pixel. Dense mode: element v * width + u.
 struct TemplatePixel {
-  float u = 0, v = 0;        ///< pixel of this level
+  float u = 0, v = 0;  ///< pixel of this level
   float inverse_depth = 0;
   float f0 = 0;
-  float gu = 0, gv = 0;      ///< central differences of f0
+  float gu = 0, gv = 0;  ///< central differences of f0
 };
 
 using Template = std::vector<TemplatePixel>;
@@ -21,7 +21,7 @@ using Template = std::vector<TemplatePixel>;
 /// Where the pixel (u, v) with inverse depth q falls in the other image of the same level.
 struct Warped {
   double u = 0, v = 0;
-  bool visible = false;      ///< in front of the camera and inside the image
+  bool visible = false;  ///< in front of the camera and inside the image
 };
 
 inline Warped warp(const Camera& level_camera, const SE3& T_10, double u, double v, double q) {

@@ -9,8 +9,8 @@ namespace iclk::internal {
 /// What the damped steps of one pair need beside the sums.
 struct LmProblem {
   const AlignerOptions* options = nullptr;
-  const PosePrior* prior = nullptr;   ///< or null
-  double mean_inverse_depth = 0;      ///< of the reference's mask: turns a translation into pixels
+  const PosePrior* prior = nullptr;  ///< or null
+  double mean_inverse_depth = 0;     ///< of the reference's mask: turns a translation into pixels
 };
 
 /// The 6-DoF Levenberg-Marquardt iteration of one pair, one evaluation of the sums at a time. The device solver runs the same
@@ -20,8 +20,8 @@ class LmIteration {
   LmIteration() = default;
   LmIteration(const LmProblem& problem, const SE3& T_10) : problem_(problem) { point_.T_10 = T_10; }
 
-  /// Gain and bias from the moments of both images (standard deviations and means): a regression would be biased towards 0 while
-  /// the images are still far apart. `sums` taken at gain 1, bias 0.
+  /// Gain and bias from the moments of both images (standard deviations and means): a regression would be biased towards 0
+  /// while the images are still far apart. `sums` taken at gain 1, bias 0.
   void start_photometric(const NormalSums& sums);
 
   /// Level camera of the steps to come. Damping starts anew; the pose stays.
@@ -55,7 +55,7 @@ class LmIteration {
   System accepted_system_;
   double focal_ = 1;
   double lambda_ = 0, nu_ = 2;
-  double predicted_ = 0;   // decrease of the objective that the linear model promised
+  double predicted_ = 0;  // decrease of the objective that the linear model promised
   double last_step_ = 0;
   bool has_accepted_ = false, done_ = false, singular_ = false;
 };

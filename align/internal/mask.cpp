@@ -8,7 +8,8 @@
 
 namespace iclk::internal {
 
-std::vector<float> sparse_mask(const Features& features, std::span<const FeatureCheck> checks, const Camera& camera, int level) {
+std::vector<float> sparse_mask(const Features& features, std::span<const FeatureCheck> checks, const Camera& camera,
+                               int level) {
   const int n = features.size();
   const int width = camera.width >> level, height = camera.height >> level;
   const auto scale = static_cast<float>(std::ldexp(1.0, -level));
@@ -21,7 +22,8 @@ std::vector<float> sparse_mask(const Features& features, std::span<const Feature
   };
   const auto for_each_pixel = [&](int i, auto&& visit) {
     const auto [cu, cv] = centre(i);
-    const int u0 = static_cast<int>(std::floor(cu)) - ICLK_PATCH_BEFORE, v0 = static_cast<int>(std::floor(cv)) - ICLK_PATCH_BEFORE;
+    const int u0 = static_cast<int>(std::floor(cu)) - ICLK_PATCH_BEFORE,
+              v0 = static_cast<int>(std::floor(cv)) - ICLK_PATCH_BEFORE;
     for (int row = 0; row < ICLK_PATCH; ++row)
       for (int column = 0; column < ICLK_PATCH; ++column) {
         const int u = u0 + column, v = v0 + row;

@@ -15,8 +15,8 @@ double NormalSums::correlation(const Point& at) const {
   const double s0 = H(6, 7), s00 = H(6, 6), sr = g(7), s0r = g(6);
   const double s1 = sr + at.gain * s0 + at.bias * n;
   const double s01 = s0r + at.gain * s00 + at.bias * s0;
-  const double s11 = cost + 2 * (at.gain * s0r + at.bias * sr) + at.gain * at.gain * s00 + 2 * at.gain * at.bias * s0 +
-                     at.bias * at.bias * n;
+  const double s11 =
+      cost + 2 * (at.gain * s0r + at.bias * sr) + at.gain * at.gain * s00 + 2 * at.gain * at.bias * s0 + at.bias * at.bias * n;
   const double v0 = s00 - s0 * s0 / n, v1 = s11 - s1 * s1 / n;
   const double floor = 1e-9 * n;  // a spread under 3e-5 is rounding, not texture
   if (!(v0 > floor) || !(v1 > floor)) return 0;

@@ -18,8 +18,8 @@ struct Point {
   double gain = 1, bias = 0;
 };
 
-/// Sums over the visible mask pixels of one pair at one level, in the order [rho, phi, gain, bias]. The pose's columns are those
-/// of the template itself; at gain a they count a times (`Point::gain`), which the solver applies.
+/// Sums over the visible mask pixels of one pair at one level, in the order [rho, phi, gain, bias]. The pose's columns are
+/// those of the template itself; at gain a they count a times (`Point::gain`), which the solver applies.
 struct NormalSums {
   Matrix8d H = Matrix8d::Zero();  ///< sum w J^T J
   Vector8d g = Vector8d::Zero();  ///< sum w J^T r

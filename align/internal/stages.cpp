@@ -37,19 +37,21 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   for (size_t l = 0; l < layout.levels.size(); ++l)
     if (solver == Solver::host || layout.levels[l].element_count > sizes.fused_elements)
       groups = std::max<uint64_t>(groups, partial_groups(layout, sizes, static_cast<int>(l)));
-  parts = plan.add("sums", 4ull * ICLK_SUM_FLOATS * groups * pairs_n, solver == Solver::host ? MemoryKind::readback : MemoryKind::device,
-                   storage);
+  parts = plan.add("sums", 4ull * ICLK_SUM_FLOATS * groups * pairs_n,
+                   solver == Solver::host ? MemoryKind::readback : MemoryKind::device, storage);
   if (!unified_memory) {
     staging0 = plan.add("reference staging", image_bytes * references_n, MemoryKind::upload, BufferUse::transfer);
     staging1 = plan.add("target staging", image_bytes * pairs_n, MemoryKind::upload, BufferUse::transfer);
     if (p.dense)
-      staging_depth = plan.add("depth staging", 4ull * layout.levels[0].element_count * references_n, MemoryKind::upload, BufferUse::transfer);
+      staging_depth = plan.add("depth staging", 4ull * layout.levels[0].element_count * references_n, MemoryKind::upload,
+                               BufferUse::transfer);
   }
 }
 
 RunBuffers::RunBuffers(const Layout& layout, bool unified_memory, int count) {
   const auto n = static_cast<uint64_t>(count);
-  const uint64_t state_bytes = sizeof(shaders::PairState) * n, trace_bytes = sizeof(shaders::TraceEntry) * n * layout.trace_stride;
+  const uint64_t state_bytes = sizeof(shaders::PairState) * n,
+                 trace_bytes = sizeof(shaders::TraceEntry) * n * layout.trace_stride;
   pairs = plan.add("pairs", sizeof(shaders::PairInfo) * n, MemoryKind::upload, BufferUse::storage);
   states = plan.add("states", state_bytes, MemoryKind::device, BufferUse::storage);
   trace = plan.add("trace", trace_bytes, MemoryKind::device, BufferUse::storage);
@@ -92,7 +94,8 @@ void Stages::pyramid(Recorder& recorder, const Buffer& pixels, const Buffer& map
   recorder.dispatch(kernels.pyramid, {&at(ids.levels), &pixels, &maps}, p,
                     {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
   for (size_t l = ICLK_FUSED_LEVELS; l < layout.levels.size(); ++l)
-    recorder.dispatch(kernels.halve, {&at(ids.levels), &maps}, shaders::HalvePush{static_cast<uint32_t>(l), layout.map_stride, first},
+    recorder.dispatch(kernels.halve, {&at(ids.levels), &maps},
+                      shaders::HalvePush{static_cast<uint32_t>(l), layout.map_stride, first},
                       {groups_for(layout.levels[l].width, sizes.map), layout.levels[l].height, count});
 }
 
@@ -114,9 +117,10 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
   }
   recorder.stage("jacobian");
   for (uint32_t l = 0; l < levels_n; ++l)
-    recorder.dispatch(kernels.jacobian,
-                      {&at(ids.levels), &at(ids.features), &at(ids.mask), &at(ids.maps0), &at(ids.template_a), &at(ids.template_b)},
-                      level_push(l), {groups_for(layout.levels[l].element_count, sizes.map), 1, count});
+    recorder.dispatch(
+        kernels.jacobian,
+        {&at(ids.levels), &at(ids.features), &at(ids.mask), &at(ids.maps0), &at(ids.template_a), &at(ids.template_b)},
+        level_push(l), {groups_for(layout.levels[l].element_count, sizes.map), 1, count});
 }
 
 void Stages::targets(Recorder& recorder, uint32_t count) const { pyramid(recorder, at(ids.pixels1), at(ids.maps1), 0, count); }
@@ -147,8 +151,9 @@ void Stages::weights(Recorder& recorder, int level, uint32_t pairs, uint32_t fla
                      &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &at(ids.residuals)},
                     p, {groups_for(layout.levels[static_cast<size_t>(level)].element_count, sizes.map), pairs, 1});
   recorder.stage("weights");
-  recorder.dispatch(kernels.weights, {&at(ids.levels), &run[run_ids.pairs], &at(ids.residuals), &at(ids.weights), &run[run_ids.states]},
-                    p, {pairs, 1, 1});
+  recorder.dispatch(kernels.weights,
+                    {&at(ids.levels), &run[run_ids.pairs], &at(ids.residuals), &at(ids.weights), &run[run_ids.states]}, p,
+                    {pairs, 1, 1});
 }
 
 void Stages::normal_equations(Recorder& recorder, int level, uint32_t pairs, uint32_t iteration, uint32_t flags) const {
@@ -171,9 +176,10 @@ void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t ite
   const auto step = [&](uint32_t iteration, uint32_t step_flags) {
     normal_equations(recorder, level, pairs, iteration, step_flags);
     recorder.stage("lm_step");
-    recorder.dispatch(kernels.lm_step,
-                      {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.parts), &run[run_ids.states], &run[run_ids.trace]},
-                      push(level, iteration, step_flags), {pairs, 1, 1});
+    recorder.dispatch(
+        kernels.lm_step,
+        {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.parts), &run[run_ids.states], &run[run_ids.trace]},
+        push(level, iteration, step_flags), {pairs, 1, 1});
   };
   if (flags & ICLK_FLAG_START) return step(0, flags);
   for (uint32_t i = 0; i < iterations; ++i) step(i, i == 0 ? flags & ICLK_FLAG_GIVEN : 0u);
@@ -198,7 +204,8 @@ void Stages::result(Recorder& recorder, uint32_t pairs) const {
   recorder.stage("result");
   const shaders::ResultPush p{static_cast<float>(options.min_visible), static_cast<float>(options.min_correlation),
                               static_cast<float>(still_moving(options)), pairs};
-  recorder.dispatch(kernels.result, {&run[run_ids.pairs], &run[run_ids.states], &run[run_ids.results]}, p, {groups_for(pairs, 64), 1, 1});
+  recorder.dispatch(kernels.result, {&run[run_ids.pairs], &run[run_ids.states], &run[run_ids.results]}, p,
+                    {groups_for(pairs, 64), 1, 1});
 }
 
 void Stages::read_back(Recorder& recorder, uint32_t pairs) const {
@@ -248,7 +255,8 @@ void pack_pose(const SE3& T, float* m) {
   }
 }
 
-shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled, const AlignerOptions& options) {
+shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled,
+                            const AlignerOptions& options) {
   shaders::PairInfo info{};
   info.reference = static_cast<uint32_t>(reference);
   info.enabled = enabled;
@@ -274,7 +282,8 @@ Alignment conclude_device(const shaders::PairState& state, const shaders::TraceE
     const uint32_t taken = std::min(state.iterations[level], static_cast<uint32_t>(options.iterations));
     for (uint32_t i = 0; i < taken; ++i) {
       const shaders::TraceEntry& entry = trace[level * options.iterations + static_cast<int>(i)];
-      level_trace.iterations.push_back({unpack_pose(entry.pose), entry.cost, entry.visible, entry.step, entry.lambda, entry.accepted != 0});
+      level_trace.iterations.push_back(
+          {unpack_pose(entry.pose), entry.cost, entry.visible, entry.step, entry.lambda, entry.accepted != 0});
     }
     out.levels.push_back(std::move(level_trace));
   }

@@ -12,12 +12,12 @@ namespace iclk::internal {
 
 /// Buffers of an aligner: images, maps, templates.
 struct AlignerBuffers {
-  AlignerBuffers(const Layout& layout, const Plan& plan, const AlignerOptions& options, Solver solver, const WorkgroupSizes& sizes,
-                 bool unified_memory, int batch);
+  AlignerBuffers(const Layout& layout, const Plan& plan, const AlignerOptions& options, Solver solver,
+                 const WorkgroupSizes& sizes, bool unified_memory, int batch);
 
   engine::MemoryPlan plan;
-  engine::BufferId levels, references, features, pixels0, pixels1, maps0, maps1, mask, template_a, template_b, weights, residuals,
-      parts;
+  engine::BufferId levels, references, features, pixels0, pixels1, maps0, maps1, mask, template_a, template_b, weights,
+      residuals, parts;
   std::optional<engine::BufferId> staging0, staging1, staging_depth;  // where device memory cannot be mapped
 };
 
@@ -64,7 +64,8 @@ struct Stages {
 
  private:
   const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
-  void pyramid(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first, uint32_t count) const;
+  void pyramid(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first,
+               uint32_t count) const;
   shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
   void iterate(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const;
 };
@@ -76,7 +77,8 @@ const shaders::TraceEntry* read_trace(const RunBuffers& ids, const engine::Works
 NormalSums unpack_sums(const float* sums);
 SE3 unpack_pose(const float* pose);
 void pack_pose(const SE3& T, float* pose);
-shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled, const AlignerOptions& options);
+shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled,
+                            const AlignerOptions& options);
 
 /// What the device solver left of a pair, judged like any other.
 Alignment conclude_device(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options,

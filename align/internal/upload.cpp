@@ -26,9 +26,12 @@ void read_row(const ImageView& image, int v, float scale, std::vector<float>& ou
 
 void row_as_float(const ImageView& image, int v, std::vector<float>& out) {
   const size_t size = bytes_per_pixel(image.format) / static_cast<size_t>(channels(image.format));
-  if (size == 1) read_row<uint8_t>(image, v, 1.0f / 255.0f, out);
-  else if (size == 2) read_row<uint16_t>(image, v, 1.0f / 65535.0f, out);
-  else read_row<float>(image, v, 1.0f, out);
+  if (size == 1)
+    read_row<uint8_t>(image, v, 1.0f / 255.0f, out);
+  else if (size == 2)
+    read_row<uint16_t>(image, v, 1.0f / 65535.0f, out);
+  else
+    read_row<float>(image, v, 1.0f, out);
 }
 
 // 8-bit colour to four bytes, the common case, without a detour over floats.

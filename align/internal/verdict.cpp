@@ -65,8 +65,8 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scale.asDiagonal() * out.H * scale.asDiagonal());
   const double least = eigen.eigenvalues()(0);
   if (!(least > kLeastEigenvalue))
-    return end(Status::degenerate, format("H is ill-conditioned: least eigenvalue %.1e of its scaled form, %.0e needed", least,
-                                          kLeastEigenvalue));
+    return end(Status::degenerate,
+               format("H is ill-conditioned: least eigenvalue %.1e of its scaled form, %.0e needed", least, kLeastEigenvalue));
   const Matrix6d inverse = scale.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
                            eigen.eigenvectors().transpose() * scale.asDiagonal();
   const double freedom = std::max(sums.visible - (options.photometric ? 8 : 6), 1.0);
@@ -83,13 +83,14 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
     return without_covariance(Status::degenerate,
                               format("too little texture: the pose is uncertain by %.2g px (standard deviation)", sigma));
   if (out.correlation < options.min_correlation)
-    return without_covariance(Status::diverged, format("the images do not agree where the iterations ended: correlation %.2f, %.2f needed",
-                                                       out.correlation, options.min_correlation));
+    return without_covariance(Status::diverged,
+                              format("the images do not agree where the iterations ended: correlation %.2f, %.2f needed",
+                                     out.correlation, options.min_correlation));
   if (ending.last_step > still_moving(options))
-    return end(Status::max_iterations, format("still moving by %.3f px after %d iterations at the finest level", ending.last_step,
-                                              options.iterations));
-  end(Status::converged, format("correlation %.2f, %.0f %% visible, last step %.4f px", out.correlation, 100 * out.visible_fraction,
-                                ending.last_step));
+    return end(Status::max_iterations,
+               format("still moving by %.3f px after %d iterations at the finest level", ending.last_step, options.iterations));
+  end(Status::converged, format("correlation %.2f, %.0f %% visible, last step %.4f px", out.correlation,
+                                100 * out.visible_fraction, ending.last_step));
 }
 
 double still_moving(const AlignerOptions& options) { return std::max(10 * options.step_tolerance, 0.05); }

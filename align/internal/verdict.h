@@ -10,10 +10,10 @@ namespace iclk::internal {
 /// What any solver knows of a pair when its iterations are over, in the finest level's units.
 struct Ending {
   Point point;
-  NormalSums sums;             ///< at `point`
-  bool singular = false;       ///< the last system had no solution
-  double last_step = 0;        ///< px
-  Camera camera;               ///< of level 0
+  NormalSums sums;        ///< at `point`
+  bool singular = false;  ///< the last system had no solution
+  double last_step = 0;   ///< px
+  Camera camera;          ///< of level 0
   double mean_inverse_depth = 0;
 };
 
@@ -25,7 +25,8 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& al
 double still_moving(const AlignerOptions& options);
 
 /// False if so few features (in dense mode: pixels with depth) are usable that no alignment should be tried.
-bool enough_to_align(std::span<const FeatureCheck> checks, double mean_inverse_depth, const Plan& plan, const AlignerOptions& options);
+bool enough_to_align(std::span<const FeatureCheck> checks, double mean_inverse_depth, const Plan& plan,
+                     const AlignerOptions& options);
 
 /// The verdict on such a pair.
 Alignment too_few_features(const std::vector<FeatureCheck>& checks, const SE3& T_10, const AlignerOptions& options);

@@ -66,7 +66,8 @@ TEST_P(ParityCpu, Mask) {
       q = p.inverse_depth;
     }
     EXPECT_EQ(covered_twice, 0);
-    for (size_t i = 0; i < dense.size(); ++i) ASSERT_NEAR(dense[i], expected[i], 1e-5 * expected[i]) << "level " << level << " pixel " << i;
+    for (size_t i = 0; i < dense.size(); ++i)
+      ASSERT_NEAR(dense[i], expected[i], 1e-5 * expected[i]) << "level " << level << " pixel " << i;
   }
 }
 
@@ -77,14 +78,16 @@ TEST_P(ParityCpu, Residual) {
     const auto r = internal::residuals(pixels, f1[level], camera.at_level(level), {start(level), 1, 0});
     std::vector<float> dense(expected.size(), 0.0f);
     for (size_t k = 0; k < r.size(); ++k)
-      if (std::isfinite(r[k])) dense[static_cast<size_t>(pixels[k].v) * f0[level].width + static_cast<size_t>(pixels[k].u)] = r[k];
+      if (std::isfinite(r[k]))
+        dense[static_cast<size_t>(pixels[k].v) * f0[level].width + static_cast<size_t>(pixels[k].u)] = r[k];
     for (size_t i = 0; i < dense.size(); ++i) ASSERT_NEAR(dense[i], expected[i], 1e-5) << "level " << level << " pixel " << i;
   }
 }
 
 TEST_P(ParityCpu, NormalEquations) {
   for (int level = 0; level < 4; ++level) {
-    const auto sums = internal::normal_equations(level_template(level), f1[level], camera.at_level(level), {start(level), 1, 0}, {});
+    const auto sums =
+        internal::normal_equations(level_template(level), f1[level], camera.at_level(level), {start(level), 1, 0}, {});
     const auto &H = golden.level(level, "H_first").data, &g = golden.level(level, "g_first").data;
     double g_norm = 0;
     for (float x : g) g_norm = std::max(g_norm, std::abs(static_cast<double>(x)));
@@ -108,8 +111,10 @@ TEST_P(ParityCpu, EveryIteration) {
   for (const LevelTrace& trace : a.levels) {
     ASSERT_EQ(trace.iterations.size(), 10u);
     for (size_t i = 0; i < 10; ++i) {
-      const SE3 expected = Golden::pose(&golden.level(trace.level, "R").data[9 * i], &golden.level(trace.level, "t").data[3 * i]);
-      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), 1e-4 * motion) << "level " << trace.level << " iteration " << i;
+      const SE3 expected =
+          Golden::pose(&golden.level(trace.level, "R").data[9 * i], &golden.level(trace.level, "t").data[3 * i]);
+      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), 1e-4 * motion)
+          << "level " << trace.level << " iteration " << i;
       EXPECT_LT((trace.iterations[i].T_10.R - expected.R).norm(), 1e-5) << "level " << trace.level << " iteration " << i;
     }
   }

@@ -52,8 +52,10 @@ TEST_P(ParityDevice, EveryIteration) {
   for (const LevelTrace& trace : a.levels) {
     ASSERT_EQ(trace.iterations.size(), 10u);
     for (size_t i = 0; i < 10; ++i) {
-      const SE3 expected = Golden::pose(&golden.level(trace.level, "R").data[9 * i], &golden.level(trace.level, "t").data[3 * i]);
-      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), 1e-3 * motion) << "level " << trace.level << " iteration " << i;
+      const SE3 expected =
+          Golden::pose(&golden.level(trace.level, "R").data[9 * i], &golden.level(trace.level, "t").data[3 * i]);
+      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), 1e-3 * motion)
+          << "level " << trace.level << " iteration " << i;
       EXPECT_LT((trace.iterations[i].T_10.R - expected.R).norm(), 1e-4) << "level " << trace.level << " iteration " << i;
     }
   }
@@ -64,7 +66,8 @@ TEST_P(ParityDevice, EveryIteration) {
 
 INSTANTIATE_TEST_SUITE_P(Golden, ParityDevice,
                          testing::Values(Case{"classical_188x120", Solver::device}, Case{"classical_188x120", Solver::host},
-                                         Case{"classical_odd_203x151", Solver::device}, Case{"classical_odd_203x151", Solver::host}),
+                                         Case{"classical_odd_203x151", Solver::device},
+                                         Case{"classical_odd_203x151", Solver::host}),
                          [](const auto& info) {
                            return std::string(info.param.golden) + (info.param.solver == Solver::device ? "_device" : "_host");
                          });
@@ -121,7 +124,8 @@ TEST_P(DeviceStages, AgreeWithGolden) {
       }
   }
 
-  const auto a = read(none, submission, arena, aligner.template_pixels()), b = read(none, submission, arena, aligner.template_gradients());
+  const auto a = read(none, submission, arena, aligner.template_pixels()),
+             b = read(none, submission, arena, aligner.template_gradients());
   const auto checks = check_features(features, camera);
   for (int level = 0; level < 4; ++level) {
     const auto& info = layout.levels[static_cast<size_t>(level)];

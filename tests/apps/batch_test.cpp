@@ -253,7 +253,8 @@ TEST_F(Batch, ResultsOfAnotherManifestAreRefused) {
   const std::vector<std::string> first = lines(4);
   const std::string m = manifest("first.jsonl", first);
   const Results whole = run(m, r);
-  expect_refused(batch(manifest("other.jsonl", lines(4, "q")), r), 3, {"'p0'", "not in", "other.jsonl", "--out"});
+  expect_refused(batch(manifest("other.jsonl", lines(4, "q")), r), 3,
+                 {"the result of id 'p", "not in", "other.jsonl", "--out"});
   std::vector<std::string> changed = first;
   changed[2] = line("p2", "b").dump() + " ";
   expect_refused(batch(manifest("changed.jsonl", changed), r), 3, {"'p2'", "changed.jsonl:3"});

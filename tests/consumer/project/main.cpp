@@ -9,7 +9,9 @@
 int main() try {
   const int size = 64;
   std::vector<float> image0, image1;
-  auto texture = [](double u, double v) { return float(0.5 + 0.2 * std::sin(0.35 * u) * std::cos(0.3 * v) + 0.15 * std::sin(0.13 * u + 0.2 * v)); };
+  auto texture = [](double u, double v) {
+    return float(0.5 + 0.2 * std::sin(0.35 * u) * std::cos(0.3 * v) + 0.15 * std::sin(0.13 * u + 0.2 * v));
+  };
   for (int v = 0; v < size; ++v)
     for (int u = 0; u < size; ++u) {
       image0.push_back(texture(u, v));
@@ -29,8 +31,8 @@ int main() try {
   auto aligner = iclk::make_cpu_aligner({.width = size, .height = size}, {.levels = 2});
   aligner->set_reference(0, reference);
   const iclk::Alignment result = aligner->align({.target = view(image1)});
-  std::printf("%s: %s, t = %.4f %.4f %.4f m\n", iclk::name(result.status), result.reason.c_str(), result.T_10.t.x(), result.T_10.t.y(),
-              result.T_10.t.z());
+  std::printf("%s: %s, t = %.4f %.4f %.4f m\n", iclk::name(result.status), result.reason.c_str(), result.T_10.t.x(),
+              result.T_10.t.y(), result.T_10.t.z());
   return result.converged() && std::abs(result.T_10.t.x() - 2.0 / 80) < 2e-3 ? 0 : 1;
 } catch (const iclk::Error& error) {
   std::fprintf(stderr, "%s\n", error.what());
