@@ -38,12 +38,15 @@ struct Alignment {
   Status status = Status::diverged;
   std::string reason;             ///< the status in words, with the numbers that decided it
   Matrix6d H = Matrix6d::Zero();  ///< J^T W J at the finest level's last iteration, [rho, phi]; gain and bias marginalised out
-  Matrix6d covariance =
-      Matrix6d::Zero();         ///< of [rho, phi], T_10 = mean Exp(xi); zero unless the status is converged or max_iterations
-  double cost = 0;              ///< mean weighted squared residual at the end, feature units squared
-  double correlation = 0;       ///< of f0 and the warped f1 over visible mask pixels at the end, in [-1, 1]
-  double visible_fraction = 0;  ///< share of the finest level's mask pixels inside the target at the end
-  double gain = 1, bias = 0;    ///< f1 = gain f0 + bias
+  /// Of [rho, phi], T_10 = mean Exp(xi), a prior included; zero unless the status is converged or max_iterations. With s^2 the
+  /// residuals' variance and H_c the part of H that both images confirm: s^2 H_c^-1 H H_c^-1. Where H is inflated by noise,
+  /// s^2 H^-1 would be too small.
+  Matrix6d covariance = Matrix6d::Zero();
+  double cost = 0;                     ///< mean weighted squared residual at the end, feature units squared
+  double correlation = 0;              ///< of f0 and the warped f1 over visible mask pixels at the end, in [-1, 1]
+  double agreement = 0;                ///< of both images' gradients in the pose's worst direction, in [-1, 1]
+  double visible_fraction = 0;         ///< share of the finest level's mask pixels inside the target at the end
+  double gain = 1, bias = 0;           ///< f1 = gain f0 + bias
   std::vector<LevelTrace> levels;      ///< coarse to fine
   std::vector<FeatureCheck> features;  ///< one verdict a feature of the reference; empty in dense mode
 

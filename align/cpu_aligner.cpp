@@ -1,5 +1,6 @@
 #include <iclk/align/cpu_aligner.h>
 
+#include <iclk/align/internal/agreement.h>
 #include <iclk/align/internal/input.h>
 #include <iclk/align/internal/jacobian.h>
 #include <iclk/align/internal/lm.h>
@@ -74,6 +75,7 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
 
   Alignment out;
   out.features = keyframe.checks;
+  internal::Agreement agreement;
   internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, pair.T_10);
   for (int level = options_.levels - 1; level >= 0; --level) {
     const Camera camera = keyframe.camera.at_level(level);
@@ -95,9 +97,11 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
       trace.iterations.push_back(lm.step(internal::normal_equations(pixels, target, camera, lm.point(), weights)));
     if (level == 0 || options_.damping == Damping::adaptive)
       lm.end_level(internal::normal_equations(pixels, target, camera, lm.point(), weights));
+    if (level == 0) agreement = internal::agreement(pixels, target, camera, lm.point().T_10, weights);
     out.levels.push_back(std::move(trace));
   }
-  internal::conclude({lm.point(), lm.sums(), lm.singular(), lm.last_step(), keyframe.camera, keyframe.mean_inverse_depth},
+  internal::conclude({lm.point(), lm.sums(), agreement, lm.singular(), lm.last_step(), keyframe.camera,
+                      keyframe.mean_inverse_depth, pair.prior ? &*pair.prior : nullptr},
                      options_, out);
   return out;
 }

@@ -207,7 +207,8 @@ std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair
     const Slot& slot = slots[static_cast<size_t>(pairs[i].reference)];
     if (slot.enough)
       out.push_back(internal::conclude_device(states[i], trace + static_cast<size_t>(i) * layout.trace_stride, options,
-                                              slot.camera, slot.mean_inverse_depth, slot.checks));
+                                              slot.camera, slot.mean_inverse_depth, pairs[i].prior ? &*pairs[i].prior : nullptr,
+                                              slot.checks));
     else
       out.push_back(internal::too_few_features(slot.checks, pairs[i].T_10, options));
   }
@@ -254,6 +255,18 @@ struct DeviceAligner::Impl::HostRun {
       total.cost += sum.cost;
       total.visible += sum.visible;
       total.masked += sum.masked;
+    }
+    return total;
+  }
+
+  internal::Agreement agreement(size_t i) const {
+    const uint32_t groups = internal::partial_groups(m.layout, m.sizes, 0);
+    const float* part = m.memory[m.ids.parts].as<const float>() + i * groups * ICLK_SUM_FLOATS;
+    internal::Agreement total;
+    for (uint32_t g = 0; g < groups; ++g) {
+      const internal::Agreement sum = internal::unpack_agreement(part + g * ICLK_SUM_FLOATS);
+      total.cross += sum.cross;
+      total.target += sum.target;
     }
     return total;
   }
@@ -325,6 +338,18 @@ struct DeviceAligner::Impl::HostRun {
     evaluate_again();
     for (size_t i = 0; i < pairs.size(); ++i)
       if (slot_of(i).enough) lm[i].end_level(sums(i, level));
+    if (level == 0) evaluate_agreement();
+  }
+
+  // At the poses where the finest level ended; its weights are still there.
+  void evaluate_agreement() {
+    for (size_t i = 0; i < pairs.size(); ++i) point(i, true);
+    Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
+    m.stages().agreement(recorder, count(), ICLK_FLAG_GIVEN);
+    recorder.host_read({&m.memory[m.ids.parts]});
+    recorder.finish();
+    m.submission.end();
+    m.submit();
   }
 
   void conclude() {
@@ -337,9 +362,9 @@ struct DeviceAligner::Impl::HostRun {
       }
       if (m.options.robust != Robust::unit)
         for (LevelTrace& level : out[i].levels) level.scale = states[i].scale[level.level];
-      internal::conclude(
-          {lm[i].point(), lm[i].sums(), lm[i].singular(), lm[i].last_step(), slot.camera, slot.mean_inverse_depth}, m.options,
-          out[i]);
+      internal::conclude({lm[i].point(), lm[i].sums(), agreement(i), lm[i].singular(), lm[i].last_step(), slot.camera,
+                          slot.mean_inverse_depth, pairs[i].prior ? &*pairs[i].prior : nullptr},
+                         m.options, out[i]);
     }
   }
 };

@@ -27,9 +27,10 @@ class DeviceRecording : public DeviceAligner::Recording {
     std::vector<Alignment> out;
     for (size_t i = 0; i < taken.size(); ++i) {
       const Taken& pair = taken[i];
-      out.push_back(pair.enough ? internal::conclude_device(states[i], trace + i * trace_stride, options, pair.camera,
-                                                            pair.mean_inverse_depth, pair.checks)
-                                : internal::too_few_features(pair.checks, pair.T_10, options));
+      out.push_back(pair.enough
+                        ? internal::conclude_device(states[i], trace + i * trace_stride, options, pair.camera,
+                                                    pair.mean_inverse_depth, pair.prior ? &*pair.prior : nullptr, pair.checks)
+                        : internal::too_few_features(pair.checks, pair.T_10, options));
     }
     return out;
   }
@@ -40,6 +41,7 @@ class DeviceRecording : public DeviceAligner::Recording {
     SE3 T_10;
     Camera camera;
     double mean_inverse_depth;
+    std::optional<PosePrior> prior;
     std::vector<FeatureCheck> checks;
   };
 
@@ -171,13 +173,12 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     const Impl::Slot& slot = m.slots[static_cast<size_t>(pairs[i].reference)];
     infos[i] = internal::pack_pair(pairs[i].T_10, pairs[i].prior ? &*pairs[i].prior : nullptr, pairs[i].reference, slot.enough,
                                    m.options);
-    recording->taken.push_back({slot.enough, pairs[i].T_10, slot.camera, slot.mean_inverse_depth, slot.checks});
+    recording->taken.push_back({slot.enough, pairs[i].T_10, slot.camera, slot.mean_inverse_depth, pairs[i].prior, slot.checks});
     copy_pixels(recorder, pairs[i].target, m.plan, m.layout, m.memory[m.ids.pixels1], image_bytes * i);
   }
   const auto n = static_cast<uint32_t>(pairs.size());
   stages.targets(recorder, n);
   stages.align(recorder, n);
-  stages.result(recorder, n);
   stages.read_back(recorder, n);
   recorder.publish({&recording->run[recording->run_ids.results]});
   recorder.finish();

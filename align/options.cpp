@@ -25,6 +25,7 @@ void AlignerOptions::check() const {
   need(std::isfinite(step_tolerance) && step_tolerance >= 0, "step_tolerance", step_tolerance, "0 or more");
   need(min_features >= 3, "min_features", min_features, "3 or more");
   need(min_visible >= 0 && min_visible <= 1, "min_visible", min_visible, "0 to 1");
+  need(min_agreement >= -1 && min_agreement <= 1, "min_agreement", min_agreement, "-1 to 1");
   need(min_correlation >= -1 && min_correlation <= 1, "min_correlation", min_correlation, "-1 to 1");
   need(std::isfinite(residual_sigma) && residual_sigma > 0, "residual_sigma", residual_sigma, "above 0");
 }

@@ -29,6 +29,10 @@ struct AlignerOptions {
   int min_features = 6;          ///< fewer usable features end in Status::too_few_features
   double min_visible = 0.3;      ///< a smaller share of patch pixels inside the target ends in Status::low_overlap
   double min_correlation = 0.4;  ///< a smaller correlation of f0 and the warped f1 at the end ends in Status::diverged
+  /// Correlation of both images' gradients at the end in the pose's worst direction; a smaller one ends in
+  /// Status::degenerate: no texture that both images share determines the pose there. On real pairs right poses have 0.1 to
+  /// 0.9, wrong ones and edges of one direction in noise at most 0.06.
+  double min_agreement = 0.1;
   double residual_sigma = 0.02;  ///< standard deviation of a residual, in feature units: the photometric weight beside a prior
 
   /// Throws Error(invalid_argument) that names the value and its range.

@@ -23,6 +23,7 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "residual.glsl"
 #include "normal_equations.glsl"
 #include "pair.glsl"
+#include "prior.glsl"
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 

@@ -16,6 +16,7 @@ layout(push_constant) uniform Push { IteratePush push; };
 vec4 sums[ICLK_SUM_VECTORS];
 #include "se3.glsl"
 #include "level.glsl"
+#include "prior.glsl"
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 shared vec4 total[ICLK_SUM_VECTORS];

@@ -35,8 +35,6 @@ void main() {
   reduce_sums();
   if (gl_LocalInvocationIndex == 0u) {
     uint at = (pair * push.groups + gl_WorkGroupID.x) * ICLK_SUM_VECTORS;
-#define STORE(n) parts[at + n] = sums[n];
-    STORE(0) STORE(1) STORE(2) STORE(3) STORE(4) STORE(5) STORE(6) STORE(7)
-    STORE(8) STORE(9) STORE(10) STORE(11) STORE(12) STORE(13) STORE(14)
+    ICLK_STORE_SUMS(parts, at)
   }
 }

@@ -14,6 +14,15 @@ void clear_sums() {
   sums[10] = vec4(0.0); sums[11] = vec4(0.0); sums[12] = vec4(0.0); sums[13] = vec4(0.0); sums[14] = vec4(0.0);
 }
 
+// J = gu ju + gv jv, align/internal/jacobian.h, as its first four and its last two entries.
+void jacobian(LevelCamera camera, vec4 a, vec2 gradient, out vec4 lo, out vec2 hi) {
+  vec2 g = gradient * vec2(camera.fx, camera.fy);
+  float x = (a.x - camera.cx) / camera.fx, y = (a.y - camera.cy) / camera.fy;
+  float gxy = g.x * x + g.y * y;
+  lo = vec4(g.x * a.z, g.y * a.z, -a.z * gxy, -(y * gxy + g.y));
+  hi = vec2(x * gxy + g.x, g.y * x - g.x * y);
+}
+
 void add_element(View view, int k) {
   vec4 a = texelFetch(template_a, view.template_base + k);
   vec2 gradient = texelFetch(template_b, view.template_base + k).xy;
@@ -22,12 +31,10 @@ void add_element(View view, int k) {
   float w = visible ? (view.unit_weights ? 1.0 : weights[view.weight_base + k]) : 0.0;
   r = visible ? r : 0.0;
 
-  // J = gu ju + gv jv, align/internal/jacobian.h
-  vec2 g = gradient * vec2(view.camera.fx, view.camera.fy);
-  float x = (a.x - view.camera.cx) / view.camera.fx, y = (a.y - view.camera.cy) / view.camera.fy;
-  float gxy = g.x * x + g.y * y;
-  vec4 lo = vec4(g.x * a.z, g.y * a.z, -a.z * gxy, -(y * gxy + g.y));
-  vec4 hi = vec4(x * gxy + g.x, g.y * x - g.x * y, a.w, 1.0);
+  vec4 lo;
+  vec2 turn;
+  jacobian(view.camera, a, gradient, lo, turn);
+  vec4 hi = vec4(turn, a.w, 1.0);
 
   vec4 wlo = w * lo, whi = w * hi;
   sums[0] += wlo.x * lo;
@@ -46,6 +53,12 @@ void add_element(View view, int k) {
   sums[13] += r * whi;
   sums[14] += vec4(w * r * r, visible ? 1.0 : 0.0, a.z > 0.0 ? 1.0 : 0.0, 0.0);
 }
+
+#define ICLK_STORE_SUMS(to, at)                                                                      \
+  to[at] = sums[0]; to[at + 1u] = sums[1]; to[at + 2u] = sums[2]; to[at + 3u] = sums[3];              \
+  to[at + 4u] = sums[4]; to[at + 5u] = sums[5]; to[at + 6u] = sums[6]; to[at + 7u] = sums[7];         \
+  to[at + 8u] = sums[8]; to[at + 9u] = sums[9]; to[at + 10u] = sums[10]; to[at + 11u] = sums[11];     \
+  to[at + 12u] = sums[12]; to[at + 13u] = sums[13]; to[at + 14u] = sums[14];
 
 // Lanes beyond ICLK_FOLD add theirs in rounds, then every component is summed over the lanes left, always in the same order.
 // Afterwards `sums` of every lane holds the workgroup's total. All lanes must call it.

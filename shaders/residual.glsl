@@ -10,11 +10,12 @@ struct View {
   bool unit_weights;
 };
 
-// f1(warp(u)) - (gain f0 + bias); visible = in front of camera 1 and inside the image.
-float residual_at(View view, vec4 a, out bool visible) {
+// The four texels of f1 around warp(u), as (left, right) of the rows above and below, and the place between them.
+// visible = in front of camera 1 and inside the image; p = the point in camera 1, times its inverse depth in camera 0.
+void target_at(View view, vec4 a, out vec2 top, out vec2 bottom, out vec2 f, out vec3 p, out bool visible) {
   vec2 focal = vec2(view.camera.fx, view.camera.fy), principal = vec2(view.camera.cx, view.camera.cy);
   vec2 ray = (a.xy - principal) / focal;
-  vec3 p = view.pose.R * vec3(ray, 1.0) + a.z * view.pose.t;
+  p = view.pose.R * vec3(ray, 1.0) + a.z * view.pose.t;
   float iz = 1.0 / p.z;
   vec2 w = p.xy * iz * focal + principal;
   vec2 last = vec2(view.camera.last_u, view.camera.last_v);
@@ -22,10 +23,17 @@ float residual_at(View view, vec4 a, out bool visible) {
   // An invisible pixel reads a place that exists; its value is not used.
   w = visible ? w : vec2(0.0);
   vec2 corner = min(floor(w), last - 1.0);
-  vec2 f = w - corner;
+  f = w - corner;
   int at = view.map_base + int(corner.y) * view.pitch + int(corner.x);
-  vec2 top = vec2(texelFetch(maps1, at).x, texelFetch(maps1, at + 1).x);
-  vec2 bottom = vec2(texelFetch(maps1, at + view.pitch).x, texelFetch(maps1, at + view.pitch + 1).x);
+  top = vec2(texelFetch(maps1, at).x, texelFetch(maps1, at + 1).x);
+  bottom = vec2(texelFetch(maps1, at + view.pitch).x, texelFetch(maps1, at + view.pitch + 1).x);
+}
+
+// f1(warp(u)) - (gain f0 + bias)
+float residual_at(View view, vec4 a, out bool visible) {
+  vec2 top, bottom, f;
+  vec3 p;
+  target_at(view, a, top, bottom, f, p, visible);
   vec2 left_right = mix(top, bottom, f.y);
   return mix(left_right.x, left_right.y, f.x) - (view.gain * a.w + view.bias);
 }

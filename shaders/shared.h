@@ -95,11 +95,16 @@ struct PairInfo {
 #define ICLK_SUM_VECTORS 15
 #define ICLK_SUM_FLOATS 60
 
+// The sums of agreement.comp, in as many vec4: two symmetric 6x6 matrices M, cross and target, of 7 vec4 each:
+//   0..3  M[i][0..3] for i = 0..3     4, 5, 6  (M[i][4], M[i][5], M[i+1][4], M[i+1][5]) for i = 0, 2, 4     and 14 unused
+#define ICLK_MATRIX_VECTORS 7
+
 // What the device solver keeps of a pair from one step to the next, and leaves for the host to read.
 struct PairState {
   float pose[12], gain, bias;  // where to evaluate next
   float accepted_pose[12], accepted_gain, accepted_bias;
   float sums[ICLK_SUM_FLOATS];  // at the accepted point
+  float agreement[ICLK_SUM_FLOATS];
   float objective, predicted;
   float lambda, nu;
   float last_step;
@@ -115,9 +120,10 @@ struct TraceEntry {
   uint accepted;
 };
 
-// What a recording leaves for the application's own shaders: the verdict of align/internal/verdict.h without its eigenvalues.
+// What a recording leaves for the application's own shaders: the verdict of align/internal/verdict.h.
 struct ResultInfo {
-  float pose[12];  // T_10, 3x4 row-major
+  float pose[12];        // T_10, 3x4 row-major
+  float covariance[36];  // of [rho, phi], row-major; zero unless the status is converged or max_iterations
   float gain, bias;
   float cost;  // mean weighted squared residual
   float visible_fraction;
@@ -128,9 +134,17 @@ struct ResultInfo {
 };
 
 struct ResultPush {
-  float min_visible, min_correlation, step_limit;
+  float min_visible, min_correlation, min_agreement, step_limit;
+  float residual_sigma;
+  float parameters;  // estimated: 6, or 8 with gain and bias
   uint pairs;
+  uint groups;  // of agreement.comp, a pair
 };
+
+// The limits of the verdict, align/internal/verdict.cpp.
+#define ICLK_LEAST_EIGENVALUE 1e-5      // of H scaled to a unit diagonal; sums in single precision are good to 1e-6 of it
+#define ICLK_LARGEST_SIGMA 2.0          // px at a focal length of 500: a pose more uncertain than this is not determined
+#define ICLK_LEAST_SIGMA (1.0 / 510.0)  // residuals cannot be known to be better: rounding to 8 bits and some noise
 
 struct PyramidPush {
   uint width, height;  // of level 0

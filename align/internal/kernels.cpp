@@ -1,5 +1,6 @@
 #include <iclk/align/internal/kernels.h>
 
+#include "agreement.comp.spv.h"
 #include "halve.comp.spv.h"
 #include "inverse_depth.comp.spv.h"
 #include "iterate.comp.spv.h"
@@ -85,7 +86,19 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                storage_write},
               sizeof(IteratePush),
               {sizes.iterate, photometric, adaptive}}};
-  result = {context, {"result", result_comp_spv, {storage_read, storage_read, storage_write}, sizeof(ResultPush), {}}};
+  agreement = {context,
+               {"agreement",
+                agreement_comp_spv,
+                {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
+                 storage_write},
+                sizeof(IteratePush),
+                {sizes.iterate}}};
+  result = {context,
+            {"result",
+             result_comp_spv,
+             {storage_read, storage_read, storage_read, storage_read_write, storage_write},
+             sizeof(ResultPush),
+             {}}};
 }
 
 }  // namespace iclk::internal

@@ -9,7 +9,8 @@ struct Kernels {
   Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
           const WorkgroupSizes& sizes);
 
-  engine::Kernel pyramid, halve, mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate, result;
+  engine::Kernel pyramid, halve, mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate,
+      agreement, result;
 };
 
 }  // namespace iclk::internal

@@ -9,6 +9,11 @@
 
 namespace iclk::internal {
 
+Matrix6d prior_information(const PosePrior& prior, const SE3& T_10) {
+  const Matrix6d J = inverse_right_jacobian((prior.T_10.inverse() * T_10).log());
+  return J.transpose() * prior.information * J;
+}
+
 void LmIteration::start_photometric(const NormalSums& sums) {
   const double n = sums.weight();
   if (!(n > 0)) return;

@@ -13,6 +13,9 @@ struct LmProblem {
   double mean_inverse_depth = 0;     ///< of the reference's mask: turns a translation into pixels
 };
 
+/// Hessian of the prior's cost at a pose: e(T Exp(xi)^-1) = e - J_r^-1(e) xi, so J_r^-T information J_r^-1.
+Matrix6d prior_information(const PosePrior& prior, const SE3& T_10);
+
 /// The 6-DoF Levenberg-Marquardt iteration of one pair, one evaluation of the sums at a time. The device solver runs the same
 /// steps in shaders/lm_step.glsl.
 class LmIteration {

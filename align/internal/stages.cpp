@@ -35,7 +35,7 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   residuals = plan.add("residuals", weighted ? 4ull * layout.weight_stride * pairs_n : 16, MemoryKind::device, storage);
   uint64_t groups = 1;
   for (size_t l = 0; l < layout.levels.size(); ++l)
-    if (solver == Solver::host || layout.levels[l].element_count > sizes.fused_elements)
+    if (l == 0 || solver == Solver::host || layout.levels[l].element_count > sizes.fused_elements)  // level 0: agreement
       groups = std::max<uint64_t>(groups, partial_groups(layout, sizes, static_cast<int>(l)));
   parts = plan.add("sums", 4ull * ICLK_SUM_FLOATS * groups * pairs_n,
                    solver == Solver::host ? MemoryKind::readback : MemoryKind::device, storage);
@@ -78,6 +78,7 @@ engine::ArenaSize Stages::arena_size(const Kernels& k) {
   size.add(k.normal_equations);
   size.add(k.lm_step);
   size.add(k.iterate);
+  size.add(k.agreement);
   size.add(k.result);
   return size;
 }
@@ -164,6 +165,14 @@ void Stages::normal_equations(Recorder& recorder, int level, uint32_t pairs, uin
                     push(level, iteration, flags), {partial_groups(layout, sizes, level), pairs, 1});
 }
 
+void Stages::agreement(Recorder& recorder, uint32_t pairs, uint32_t flags) const {
+  recorder.stage("agreement");
+  recorder.dispatch(kernels.agreement,
+                    {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
+                     &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &at(ids.parts)},
+                    push(0, 0, flags), {partial_groups(layout, sizes, 0), pairs, 1});
+}
+
 void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const {
   if (layout.levels[static_cast<size_t>(level)].element_count <= sizes.fused_elements) {
     recorder.stage("iterate");
@@ -198,13 +207,23 @@ void Stages::align(Recorder& recorder, uint32_t pairs) const {
     iterate(recorder, level, pairs, static_cast<uint32_t>(options.iterations), given | (ends ? ICLK_FLAG_END : 0u));
     given = 0;
   }
+  agreement(recorder, pairs, 0);
+  result(recorder, pairs);
 }
 
 void Stages::result(Recorder& recorder, uint32_t pairs) const {
   recorder.stage("result");
-  const shaders::ResultPush p{static_cast<float>(options.min_visible), static_cast<float>(options.min_correlation),
-                              static_cast<float>(still_moving(options)), pairs};
-  recorder.dispatch(kernels.result, {&run[run_ids.pairs], &run[run_ids.states], &run[run_ids.results]}, p,
+  shaders::ResultPush p{};
+  p.min_visible = static_cast<float>(options.min_visible);
+  p.min_correlation = static_cast<float>(options.min_correlation);
+  p.min_agreement = static_cast<float>(options.min_agreement);
+  p.step_limit = static_cast<float>(still_moving(options));
+  p.residual_sigma = static_cast<float>(options.residual_sigma);
+  p.parameters = options.photometric ? 8.0f : 6.0f;
+  p.pairs = pairs;
+  p.groups = partial_groups(layout, sizes, 0);
+  recorder.dispatch(kernels.result,
+                    {&at(ids.references), &run[run_ids.pairs], &at(ids.parts), &run[run_ids.states], &run[run_ids.results]}, p,
                     {groups_for(pairs, 64), 1, 1});
 }
 
@@ -236,6 +255,16 @@ NormalSums unpack_sums(const float* s) {
   sums.visible = s[57];
   sums.masked = s[58];
   return sums;
+}
+
+Agreement unpack_agreement(const float* s) {
+  Agreement a;
+  for (Matrix6d* M : {&a.cross, &a.target}) {
+    for (int i = 0; i < 6; ++i)
+      for (int j = i; j < 6; ++j) (*M)(i, j) = (*M)(j, i) = s[j < 4 ? 4 * i + j : 16 + 2 * i + j - 4];
+    s += 4 * ICLK_MATRIX_VECTORS;
+  }
+  return a;
 }
 
 SE3 unpack_pose(const float* m) {
@@ -272,7 +301,8 @@ shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int referen
 }
 
 Alignment conclude_device(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options,
-                          const Camera& camera, double mean_inverse_depth, const std::vector<FeatureCheck>& checks) {
+                          const Camera& camera, double mean_inverse_depth, const PosePrior* prior,
+                          const std::vector<FeatureCheck>& checks) {
   Alignment out;
   out.features = checks;
   for (int level = options.levels - 1; level >= 0; --level) {
@@ -294,6 +324,8 @@ Alignment conclude_device(const shaders::PairState& state, const shaders::TraceE
   ending.last_step = state.last_step;
   ending.camera = camera;
   ending.mean_inverse_depth = mean_inverse_depth;
+  ending.agreement = unpack_agreement(state.agreement);
+  ending.prior = prior;
   conclude(ending, options, out);
   return out;
 }

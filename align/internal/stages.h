@@ -53,9 +53,10 @@ struct Stages {
   void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;
   /// One evaluation of the sums, in parts.
   void normal_equations(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iteration, uint32_t flags) const;
-  /// The whole coarse-to-fine alignment of the device solver.
+  /// What both images' gradients say of the finest level's pose, in parts.
+  void agreement(engine::Recorder& recorder, uint32_t pairs, uint32_t flags) const;
+  /// The whole coarse-to-fine alignment of the device solver, verdict included.
   void align(engine::Recorder& recorder, uint32_t pairs) const;
-  void result(engine::Recorder& recorder, uint32_t pairs) const;
   /// Makes states and trace readable for the host.
   void read_back(engine::Recorder& recorder, uint32_t pairs) const;
 
@@ -63,6 +64,7 @@ struct Stages {
   static engine::ArenaSize arena_size(const Kernels& kernels);
 
  private:
+  void result(engine::Recorder& recorder, uint32_t pairs) const;
   const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
   void pyramid(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first,
                uint32_t count) const;
@@ -75,6 +77,7 @@ const shaders::PairState* read_states(const RunBuffers& ids, const engine::Works
 const shaders::TraceEntry* read_trace(const RunBuffers& ids, const engine::Workspace& run);
 
 NormalSums unpack_sums(const float* sums);
+Agreement unpack_agreement(const float* sums);
 SE3 unpack_pose(const float* pose);
 void pack_pose(const SE3& T, float* pose);
 shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled,
@@ -82,6 +85,7 @@ shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int referen
 
 /// What the device solver left of a pair, judged like any other.
 Alignment conclude_device(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options,
-                          const Camera& camera, double mean_inverse_depth, const std::vector<FeatureCheck>& checks);
+                          const Camera& camera, double mean_inverse_depth, const PosePrior* prior,
+                          const std::vector<FeatureCheck>& checks);
 
 }  // namespace iclk::internal

@@ -3,8 +3,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include <Eigen/Dense>
+
+#include <iclk/align/internal/lm.h>
+#include <iclk/shaders/shared.h>
 
 namespace iclk::internal {
 namespace {
@@ -16,13 +20,6 @@ std::string format(const char* text, A... values) {
   return buffer;
 }
 
-// A pose that the images leave uncertain by more than this is not determined by them.
-constexpr double kLargestSigma = 1.0;  // px
-// Variance of rounding to 8 bits with some noise: residuals cannot be known to be better, however small they came out.
-constexpr double kLeastVariance = 1.0 / (510.0 * 510.0);
-// Of H scaled to a unit diagonal. Device sums are single precision, good to about 1e-6 of the diagonal.
-constexpr double kLeastEigenvalue = 1e-5;
-
 // H of the pose with gain and bias marginalised out, and with the gain's factor on the pose's columns.
 Matrix6d pose_information(const NormalSums& sums, const Point& at, bool photometric) {
   Matrix6d H = at.gain * at.gain * sums.H.topLeftCorner<6, 6>();
@@ -31,6 +28,34 @@ Matrix6d pose_information(const NormalSums& sums, const Point& at, bool photomet
   const Eigen::Matrix2d C = sums.H.bottomRightCorner<2, 2>();
   if (std::abs(C.determinant()) > 1e-12 * C(0, 0) * C(1, 1)) H -= B * C.ldlt().solve(B.transpose());
   return 0.5 * (H + H.transpose());
+}
+
+// Information about the pose in units of the residual's variance, gain and bias marginalised out.
+struct Evidence {
+  Matrix6d H;          // as the iterations saw it
+  Matrix6d confirmed;  // the part of H that is in both images
+  Matrix6d cross;      // of the gradients of both images
+  Matrix6d both;       // mean of each image's own
+};
+
+Evidence evidence_of(const Ending& ending, const Matrix6d& H, double variance) {
+  const double a = ending.point.gain;
+  const Matrix6d own = a * a * ending.sums.H.topLeftCorner<6, 6>();
+  Evidence e{H, H - own + a * ending.agreement.cross, a * ending.agreement.cross, 0.5 * (own + ending.agreement.target)};
+  if (ending.prior) {  // what a prior holds needs no image
+    const Matrix6d prior = variance * prior_information(*ending.prior, ending.point.T_10);
+    for (Matrix6d* m : {&e.H, &e.confirmed, &e.cross, &e.both}) *m += prior;
+  }
+  return e;
+}
+
+// Least of x^T A x / x^T B x; NaN where B is not positive definite.
+double least_ratio(const Matrix6d& A, const Matrix6d& B) {
+  const Eigen::LLT<Matrix6d> llt(B);
+  if (llt.info() != Eigen::Success) return std::numeric_limits<double>::quiet_NaN();
+  const Matrix6d left = llt.matrixL().solve(A);
+  const Matrix6d ratio = llt.matrixL().solve(left.transpose());
+  return Eigen::SelfAdjointEigenSolver<Matrix6d>(ratio, Eigen::EigenvaluesOnly).eigenvalues()(0);
 }
 
 }  // namespace
@@ -58,39 +83,49 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
     return end(Status::low_overlap, format("%.0f %% of the reference's pixels fall into the target, %.0f %% needed",
                                            100 * out.visible_fraction, 100 * options.min_visible));
 
-  const Vector6d diagonal = out.H.diagonal();
+  const double freedom = std::max(sums.visible - (options.photometric ? 8 : 6), 1.0);
+  const double variance = std::max(sums.cost / freedom, ICLK_LEAST_SIGMA * ICLK_LEAST_SIGMA);
+  const Evidence evidence = evidence_of(ending, out.H, variance);
+  const Vector6d diagonal = evidence.H.diagonal();
   if (ending.singular || !(diagonal.minCoeff() > 0))
     return end(Status::degenerate, "the images have no texture that would determine the pose (H is singular)");
-  const Vector6d scale = diagonal.cwiseSqrt().cwiseInverse();
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scale.asDiagonal() * out.H * scale.asDiagonal());
+  const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();
+  const auto scale = unit.asDiagonal();
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scale * evidence.H * scale, Eigen::EigenvaluesOnly);
   const double least = eigen.eigenvalues()(0);
-  if (!(least > kLeastEigenvalue))
-    return end(Status::degenerate,
-               format("H is ill-conditioned: least eigenvalue %.1e of its scaled form, %.0e needed", least, kLeastEigenvalue));
-  const Matrix6d inverse = scale.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
-                           eigen.eigenvectors().transpose() * scale.asDiagonal();
-  const double freedom = std::max(sums.visible - (options.photometric ? 8 : 6), 1.0);
-  const double variance = std::max(sums.cost / freedom, kLeastVariance);
-  out.covariance = variance * inverse;
-  const double focal = std::max(std::abs(ending.camera.fx), std::abs(ending.camera.fy));
-  const double sigma = focal * (std::sqrt(out.covariance.bottomRightCorner<3, 3>().trace()) +
-                                ending.mean_inverse_depth * std::sqrt(out.covariance.topLeftCorner<3, 3>().trace()));
-  const auto without_covariance = [&](Status status, const std::string& reason) {
-    out.covariance.setZero();
-    end(status, reason);
-  };
-  if (sigma > kLargestSigma * std::max(1.0, focal / 500))
-    return without_covariance(Status::degenerate,
-                              format("too little texture: the pose is uncertain by %.2g px (standard deviation)", sigma));
+  if (!(least > ICLK_LEAST_EIGENVALUE))
+    return end(Status::degenerate, format("H is ill-conditioned: least eigenvalue %.1e of its scaled form, %.0e needed", least,
+                                          ICLK_LEAST_EIGENVALUE));
   if (out.correlation < options.min_correlation)
-    return without_covariance(Status::diverged,
-                              format("the images do not agree where the iterations ended: correlation %.2f, %.2f needed",
-                                     out.correlation, options.min_correlation));
+    return end(Status::diverged, format("the images do not agree where the iterations ended: correlation %.2f, %.2f needed",
+                                        out.correlation, options.min_correlation));
+
+  const Matrix6d cross = scale * evidence.cross * scale, both = scale * evidence.both * scale;
+  const double overall = cross.trace() / both.trace();
+  out.agreement = least_ratio(cross, both);
+  if (!(overall >= options.min_agreement))
+    return end(Status::diverged,
+               format("the gradients of the images do not agree where the iterations ended: %.2f, %.2f needed", overall,
+                      options.min_agreement));
+  const Eigen::LLT<Matrix6d> confirmed(scale * evidence.confirmed * scale);
+  if (!(out.agreement >= options.min_agreement) || confirmed.info() != Eigen::Success)
+    return end(
+        Status::degenerate,
+        format("no texture that both images share determines the pose in its worst direction: agreement %.2f, %.2f needed",
+               out.agreement, options.min_agreement));
+  const Matrix6d inverse = scale * confirmed.solve(Matrix6d::Identity()) * scale;
+  const Matrix6d covariance = variance * inverse * evidence.H * inverse;
+  const double focal = std::max(std::abs(ending.camera.fx), std::abs(ending.camera.fy));
+  const double sigma = focal * (std::sqrt(covariance.bottomRightCorner<3, 3>().trace()) +
+                                ending.mean_inverse_depth * std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
+  if (!(sigma <= ICLK_LARGEST_SIGMA * std::max(1.0, focal / 500)))
+    return end(Status::degenerate, format("too little texture: the pose is uncertain by %.2g px (standard deviation)", sigma));
+  out.covariance = 0.5 * (covariance + covariance.transpose());
   if (ending.last_step > still_moving(options))
     return end(Status::max_iterations,
                format("still moving by %.3f px after %d iterations at the finest level", ending.last_step, options.iterations));
-  end(Status::converged, format("correlation %.2f, %.0f %% visible, last step %.4f px", out.correlation,
-                                100 * out.visible_fraction, ending.last_step));
+  end(Status::converged, format("correlation %.2f, agreement of gradients %.2f, %.0f %% visible, last step %.4f px",
+                                out.correlation, out.agreement, 100 * out.visible_fraction, ending.last_step));
 }
 
 double still_moving(const AlignerOptions& options) { return std::max(10 * options.step_tolerance, 0.05); }

@@ -1,7 +1,8 @@
 #pragma once
 #include <span>
 
-#include <iclk/align/alignment.h>
+#include <iclk/align/aligner.h>
+#include <iclk/align/internal/agreement.h>
 #include <iclk/align/internal/normal_equations.h>
 #include <iclk/align/options.h>
 
@@ -11,10 +12,12 @@ namespace iclk::internal {
 struct Ending {
   Point point;
   NormalSums sums;        ///< at `point`
+  Agreement agreement;    ///< at `point`
   bool singular = false;  ///< the last system had no solution
   double last_step = 0;   ///< px
   Camera camera;          ///< of level 0
   double mean_inverse_depth = 0;
+  const PosePrior* prior = nullptr;  ///< or null
 };
 
 /// Fills pose, H, covariance, cost, correlation, visible fraction, gain, bias, status and reason of `alignment` from an ending:

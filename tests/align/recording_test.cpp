@@ -57,6 +57,8 @@ void expect_agrees(const shaders::ResultInfo& info, const Alignment& a) {
   EXPECT_NEAR(info.cost, a.cost, 1e-6);
   EXPECT_NEAR(info.correlation, a.correlation, 1e-4);
   EXPECT_NEAR(info.visible_fraction, a.visible_fraction, 1e-6);
+  const Eigen::Matrix<float, 6, 6, Eigen::RowMajor> covariance(info.covariance);
+  EXPECT_LE((covariance.cast<double>() - a.covariance).norm(), 1e-3 * a.covariance.norm());
 }
 
 constexpr size_t kBytes = 160 * 120 * 4;
@@ -206,6 +208,13 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
   const Features features = random_features(scene, 50);
   const auto image0 = bytes_of(render(scene, 0), 1), image1 = bytes_of(render(scene, 1), 1);
   const std::vector<uint8_t> grey(160 * 120, 128);
+  // What decides these is in the gradients: edges of one direction in the noise of 8 bits, and a target of another scene.
+  Relief edges = scene, other = scene;
+  edges.direction = 0.1;
+  edges.noise = 0.01;
+  other.seed = 7;
+  const auto edges0 = bytes_of(render(edges, 0), 1), edges1 = bytes_of(render(edges, 1), 1);
+  const auto unrelated = bytes_of(render(other, 1), 1);
   SE3 away;
   away.t.x() = 100;
   struct Case {
@@ -213,10 +222,13 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
     SE3 start;
     int levels, iterations;
     Status status;
+    double prior = 0;  // its information
   };
   for (const Case& c :
        {Case{&image0, &image1, {}, 4, 10, Status::converged}, Case{&image0, &image1, {}, 1, 1, Status::max_iterations},
-        Case{&image0, &image1, away, 4, 10, Status::low_overlap}, Case{&grey, &image1, {}, 4, 10, Status::degenerate}}) {
+        Case{&image0, &image1, away, 4, 10, Status::low_overlap}, Case{&grey, &image1, {}, 4, 10, Status::degenerate},
+        Case{&edges0, &edges1, {}, 4, 10, Status::degenerate}, Case{&edges0, &edges1, {}, 4, 10, Status::converged, 1e6},
+        Case{&image0, &unrelated, {}, 4, 10, Status::diverged}}) {
     Plan plan = plan_for(scene.camera);
     plan.format = PixelFormat::r8;
     AlignerOptions options;
@@ -229,7 +241,8 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
     const auto recording = aligner.make_recording();
     ReadResults results(context, 1);
     const ApplicationCommands host(app);
-    const DevicePair pair{0, image.foreign, c.start, {}};
+    DevicePair pair{0, image.foreign, c.start, {}};
+    if (c.prior > 0) pair.prior = PosePrior{scene.T_10, c.prior * Matrix6d::Identity()};
     aligner.record(*recording, host.commands, {}, {&pair, 1});
     results.record(*context, host.commands, recording->results());
     host.end();
@@ -237,6 +250,7 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
     const Alignment a = recording->read().at(0);
     EXPECT_STREQ(name(a.status), name(c.status)) << a.reason;
     EXPECT_EQ(results[0].status, static_cast<uint32_t>(c.status)) << name(c.status);
+    if (a.covariance != Matrix6d::Zero()) expect_agrees(results[0], a);
   }
 }
 

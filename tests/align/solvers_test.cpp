@@ -208,8 +208,7 @@ struct Combination {
 
 class Agreement : public testing::TestWithParam<Combination> {};
 
-// The same pose, status, iterations and robust scales from every solver; the worst difference of this suite was 2e-5 of the
-// motion.
+// The same pose, status, covariance, iterations and robust scales from every solver.
 TEST_P(Agreement, OfAllSolvers) {
   ICLK_NEED_DEVICE();
   Relief scene;
@@ -247,6 +246,8 @@ TEST_P(Agreement, OfAllSolvers) {
     EXPECT_NEAR(a.visible_fraction, expected.visible_fraction, 2e-3);
     EXPECT_LT((a.H - expected.H).norm(), 1e-3 * expected.H.norm());
     EXPECT_LT((a.covariance - expected.covariance).norm(), 1e-2 * expected.covariance.norm());
+    EXPECT_NEAR(a.agreement, expected.agreement, 2e-3);
+    EXPECT_GT(a.agreement, 0.5);
     ASSERT_EQ(a.levels.size(), expected.levels.size());
     for (size_t l = 0; l < a.levels.size(); ++l) {
       EXPECT_NEAR(a.levels[l].scale, expected.levels[l].scale, 1e-3 * expected.levels[l].scale);

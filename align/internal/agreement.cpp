@@ -1,0 +1,54 @@
+#include <iclk/align/internal/agreement.h>
+
+#include <algorithm>
+
+#include <iclk/align/internal/jacobian.h>
+
+namespace iclk::internal {
+namespace {
+
+// Gradient of the bilinear surface, which is what the residual of the iterations follows.
+Eigen::RowVector2d surface_gradient(const Map& f, double u, double v) {
+  const int u0 = std::min(static_cast<int>(u), f.width - 2), v0 = std::min(static_cast<int>(v), f.height - 2);
+  const double fu = u - u0, fv = v - v0;
+  const double f00 = f.at(u0, v0), f10 = f.at(u0 + 1, v0), f01 = f.at(u0, v0 + 1), f11 = f.at(u0 + 1, v0 + 1);
+  return {(1 - fv) * (f10 - f00) + fv * (f11 - f01), (1 - fu) * (f01 - f00) + fu * (f11 - f10)};
+}
+
+// d(warped pixel) / d(pixel), the inverse depth held.
+Eigen::Matrix2d warp_jacobian(const Camera& c, const SE3& T_10, const TemplatePixel& p) {
+  const Eigen::Vector3d ray((p.u - c.cx) / c.fx, (p.v - c.cy) / c.fy, 1.0);
+  const Eigen::Vector3d X = T_10.R * ray + static_cast<double>(p.inverse_depth) * T_10.t;
+  const Eigen::Vector2d x = X.head<2>() / X.z();
+  Eigen::Matrix2d A = (T_10.R.topLeftCorner<2, 2>() - x * T_10.R.bottomLeftCorner<1, 2>()) / X.z();
+  A.row(0) *= c.fx;
+  A.row(1) *= c.fy;
+  A.col(0) /= c.fx;
+  A.col(1) /= c.fy;
+  return A;
+}
+
+}  // namespace
+
+Agreement agreement(const Template& pixels, const Map& f1, const Camera& level_camera, const SE3& T_10,
+                    std::span<const float> weights) {
+  Agreement sums;
+  for (size_t k = 0; k < pixels.size(); ++k) {
+    const TemplatePixel& p = pixels[k];
+    if (!(p.inverse_depth > 0)) continue;
+    const Warped w = warp(level_camera, T_10, p.u, p.v, p.inverse_depth);
+    if (!w.visible) continue;
+    const double weight = weights.empty() ? 1.0 : weights[k];
+    const Eigen::RowVector2d g = surface_gradient(f1, w.u, w.v) * warp_jacobian(level_camera, T_10, p);
+    TemplatePixel moved = p;
+    moved.gu = static_cast<float>(g.x());
+    moved.gv = static_cast<float>(g.y());
+    const Eigen::Matrix<double, 1, 6> J0 = jacobian(p, level_camera), J1 = jacobian(moved, level_camera);
+    const Matrix6d J0J1 = J0.transpose() * J1;
+    sums.cross += 0.5 * weight * (J0J1 + J0J1.transpose());
+    sums.target += weight * J1.transpose() * J1;
+  }
+  return sums;
+}
+
+}  // namespace iclk::internal

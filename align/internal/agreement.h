@@ -1,0 +1,26 @@
+#pragma once
+#include <span>
+
+#include <iclk/align/internal/normal_equations.h>
+
+namespace iclk::internal {
+
+/// What the gradients of both images say of the pose together, at the finest level where the iterations ended. J0 is the
+/// template's Jacobian, J1 the same with the gradient of the warped target:
+///
+///   cross = sum w (J0^T J1 + J1^T J0) / 2,    target = sum w J1^T J1        over the visible mask pixels
+///
+/// Noise and the target's own content are in J0^T J0 as if they were texture; of `cross` they are no part, because the other
+/// image does not have them. So cross is the information about the pose that both images confirm, and in every direction of
+/// the pose its ratio to the mean of both images' own is the correlation of their gradients: 1 where the images match, 0 where
+/// there is no common texture (edges of one direction in noise) or the images do not match.
+struct Agreement {
+  Matrix6d cross = Matrix6d::Zero();
+  Matrix6d target = Matrix6d::Zero();
+};
+
+/// weights: one an element, empty = 1.
+Agreement agreement(const Template& pixels, const Map& f1, const Camera& level_camera, const SE3& T_10,
+                    std::span<const float> weights);
+
+}  // namespace iclk::internal

@@ -1,0 +1,81 @@
+#version 460
+// What the gradients of both images say of the pose together (align/internal/agreement.h), once, where the iterations of the
+// finest level ended, in parts like normal_equations.comp.
+// Groups: (groups, pairs, 1).
+#extension GL_GOOGLE_include_directive : require
+#include "shared.h"
+layout(local_size_x_id = 0) in;
+layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
+layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; };
+layout(set = 0, binding = 3) uniform samplerBuffer template_a;
+layout(set = 0, binding = 4) uniform samplerBuffer template_b;
+layout(set = 0, binding = 5) uniform samplerBuffer maps1;
+layout(set = 0, binding = 6, std430) readonly buffer Weights { float weights[]; };
+layout(set = 0, binding = 7, std430) readonly buffer States { PairState states[]; };
+layout(set = 0, binding = 8, std430) writeonly buffer Parts { vec4 parts[]; };
+layout(push_constant) uniform Push { IteratePush push; };
+#include "se3.glsl"
+#include "level.glsl"
+#include "residual.glsl"
+#include "normal_equations.glsl"
+#include "pair.glsl"
+
+void add_gradients(View view, int k) {
+  vec4 a = texelFetch(template_a, view.template_base + k);
+  vec2 g0 = texelFetch(template_b, view.template_base + k).xy;
+  vec2 top, bottom, f;
+  vec3 p;
+  bool visible;
+  target_at(view, a, top, bottom, f, p, visible);
+  float w = visible ? (view.unit_weights ? 1.0 : weights[view.weight_base + k]) : 0.0;
+
+  // Gradient of the bilinear surface, and d(warped pixel) / d(pixel) with the inverse depth held.
+  vec2 gradient = vec2(mix(top.y - top.x, bottom.y - bottom.x, f.y), mix(bottom.x - top.x, bottom.y - top.y, f.x));
+  gradient = visible ? gradient : vec2(0.0);  // what was read there may not be finite
+  vec2 focal = vec2(view.camera.fx, view.camera.fy);
+  vec3 X = visible ? p : vec3(0.0, 0.0, 1.0);
+  vec2 x = X.xy / X.z;
+  vec2 du = focal * (view.pose.R[0].xy - x * view.pose.R[0].z) / (X.z * focal.x);
+  vec2 dv = focal * (view.pose.R[1].xy - x * view.pose.R[1].z) / (X.z * focal.y);
+  vec2 g1 = vec2(dot(gradient, du), dot(gradient, dv));
+
+  vec4 lo0, lo1;
+  vec2 hi0, hi1;
+  jacobian(view.camera, a, g0, lo0, hi0);
+  jacobian(view.camera, a, g1, lo1, hi1);
+  vec4 wlo0 = 0.5 * w * lo0, wlo1 = 0.5 * w * lo1;
+  vec2 whi0 = 0.5 * w * hi0, whi1 = 0.5 * w * hi1;
+  sums[0] += wlo0.x * lo1 + wlo1.x * lo0;
+  sums[1] += wlo0.y * lo1 + wlo1.y * lo0;
+  sums[2] += wlo0.z * lo1 + wlo1.z * lo0;
+  sums[3] += wlo0.w * lo1 + wlo1.w * lo0;
+  sums[4] += vec4(wlo0.x * hi1 + wlo1.x * hi0, wlo0.y * hi1 + wlo1.y * hi0);
+  sums[5] += vec4(wlo0.z * hi1 + wlo1.z * hi0, wlo0.w * hi1 + wlo1.w * hi0);
+  sums[6] += vec4(whi0.x * hi1 + whi1.x * hi0, whi0.y * hi1 + whi1.y * hi0);
+  wlo1 *= 2.0;
+  whi1 *= 2.0;
+  sums[7] += wlo1.x * lo1;
+  sums[8] += wlo1.y * lo1;
+  sums[9] += wlo1.z * lo1;
+  sums[10] += wlo1.w * lo1;
+  sums[11] += vec4(wlo1.x * hi1, wlo1.y * hi1);
+  sums[12] += vec4(wlo1.z * hi1, wlo1.w * hi1);
+  sums[13] += vec4(whi1.x * hi1, whi1.y * hi1);
+}
+
+void main() {
+  uint pair = gl_WorkGroupID.y;
+  if (pairs[pair].enabled == 0u) return;
+  View view = view_of(pair);
+  set_point(view, pair);
+  uint begin = gl_WorkGroupID.x * push.group_elements;
+  uint end = min(begin + push.group_elements, levels[push.level].element_count);
+  clear_sums();
+  for (uint k = begin + gl_LocalInvocationIndex; k < end; k += gl_WorkGroupSize.x) add_gradients(view, int(k));
+  reduce_sums();
+  if (gl_LocalInvocationIndex == 0u) {
+    uint at = (pair * push.groups + gl_WorkGroupID.x) * ICLK_SUM_VECTORS;
+    ICLK_STORE_SUMS(parts, at)
+  }
+}
