@@ -137,7 +137,8 @@ uint judge(uint pair, float variance, float correlation) {
     }
   ReferenceInfo reference = references[pairs[pair].reference];
   float focal = max(abs(reference.fx), abs(reference.fy));
-  float sigma = focal * (sqrt(both[21] + both[28] + both[35]) + reference.mean_inverse_depth * sqrt(both[0] + both[7] + both[14]));
+  float turn = sqrt(both[21] + both[28] + both[35]), shift = sqrt(both[0] + both[7] + both[14]);
+  float sigma = focal * (turn + reference.mean_inverse_depth * shift);
   return sigma <= ICLK_LARGEST_SIGMA * max(1.0, focal / 500.0) ? CONVERGED : DEGENERATE;
 }
 
