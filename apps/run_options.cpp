@@ -19,7 +19,10 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_option("--levels", aligner.levels, "Pyramid levels: each doubles the motion that can be found")
       ->capture_default_str();
   command.add_option("--iterations", aligner.iterations, "Iterations a level, at most")->capture_default_str();
-  command.add_option("--robust", robust, "Weights of the residuals")
+  command
+      .add_option(
+          "--robust", robust,
+          "Weights of the residuals; huber, tukey and cauchy play down what moved by itself, for about half as much time again")
       ->capture_default_str()
       ->check(CLI::IsMember({"unit", "huber", "tukey", "cauchy"}));
   command
