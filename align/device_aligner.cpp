@@ -47,7 +47,8 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       run(context, run_ids.plan),
       arena(context, internal::Stages::arena_size(kernels)),
       submission(context),
-      slots(static_cast<size_t>(plan.max_references)) {
+      slots(static_cast<size_t>(plan.max_references)),
+      tiles(plan, layout) {
   std::memcpy(memory[ids.levels].mapped, layout.levels.data(), layout.levels.size() * sizeof(shaders::LevelInfo));
   // Slots that nobody sets are never read, but a batch is prepared in runs: no features is a state that harms nothing.
   std::memset(memory[ids.references].mapped, 0, sizeof(shaders::ReferenceInfo) * slots.size());
@@ -77,27 +78,30 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
 
 void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
                                    std::vector<FeatureCheck> checks) {
+  const auto s = static_cast<size_t>(slot);
+  uint32_t tile_count = 0;
+  if (!plan.dense)
+    tile_count = tiles.build(features, checks, memory[ids.tiles].as<shaders::MaskTile>() + s * layout.tile_stride,
+                             memory[ids.entries].as<uint32_t>() + s * layout.entry_stride);
   auto* info = memory[ids.references].as<shaders::ReferenceInfo>() + slot;
-  *info = {static_cast<float>(camera.fx),          static_cast<float>(camera.fy),
-           static_cast<float>(camera.cx),          static_cast<float>(camera.cy),
-           static_cast<float>(mean_inverse_depth), plan.dense ? 0u : static_cast<uint32_t>(features.size())};
-  auto* list =
-      memory[ids.features].as<shaders::FeatureInfo>() + static_cast<size_t>(slot) * static_cast<size_t>(plan.max_features);
+  *info = {static_cast<float>(camera.fx), static_cast<float>(camera.fy),          static_cast<float>(camera.cx),
+           static_cast<float>(camera.cy), static_cast<float>(mean_inverse_depth), tile_count};
+  auto* list = memory[ids.features].as<shaders::FeatureInfo>() + s * static_cast<size_t>(plan.max_features);
   for (int i = 0; i < features.size(); ++i) {
     const auto k = static_cast<size_t>(i);
     const bool ok = checks[k] == FeatureCheck::ok;
     list[i] = {ok ? static_cast<float>(features.uv[k].x()) : 0.0f, ok ? static_cast<float>(features.uv[k].y()) : 0.0f,
                ok ? static_cast<float>(features.inverse_depth[k]) : 0.0f, 0.0f};
   }
-  // Entries beyond the count are read by the mask kernel too, and must say "takes no part".
+  // Entries beyond the count are read by the Jacobian's kernel too, and must say "takes no part".
   for (int i = features.size(); i < plan.max_features; ++i) list[i] = {0, 0, 0, 0};
-  Slot& s = slots[static_cast<size_t>(slot)];
-  s.enough = internal::enough_to_align(checks, mean_inverse_depth, plan, options);
-  s.set = s.dirty = true;
-  s.camera = camera;
-  s.features = features;
-  s.checks = std::move(checks);
-  s.mean_inverse_depth = mean_inverse_depth;
+  Slot& kept = slots[s];
+  kept.enough = internal::enough_to_align(checks, mean_inverse_depth, plan, options);
+  kept.set = kept.dirty = true;
+  kept.camera = camera;
+  kept.features = features;
+  kept.checks = std::move(checks);
+  kept.mean_inverse_depth = mean_inverse_depth;
 }
 
 std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference& reference) {

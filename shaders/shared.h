@@ -69,12 +69,20 @@ struct LevelInfo {
 struct ReferenceInfo {
   float fx, fy, cx, cy;  // of level 0
   float mean_inverse_depth;
-  uint feature_count;
+  uint tile_count;  // MaskTiles
 };
 
 // A feature: pixel of level 0 and inverse depth, 0 = takes no part.
 struct FeatureInfo {
   float u, v, inverse_depth, unused;
+};
+
+// An 8x8 pixel block of a level that patches reach into, and the features whose patches do: entries first .. first + count - 1
+// of the reference's list, in ascending order. Each feature is in the list of every block that holds a pixel of its patch.
+struct MaskTile {
+  uint corner;  // (x + 1) | (y + 1) << 16, in blocks: patches of a coarse level hang over the border by less than one
+  uint level;
+  uint first, count;
 };
 
 // What the host says of a pair. Poses are 3x4, row-major: R | t.
@@ -150,6 +158,8 @@ struct MaskPush {
   uint first_reference;
   uint max_features;
   uint element_stride;  // elements from a reference's template to the next
+  uint tile_stride;     // MaskTiles from a reference to the next
+  uint entry_stride;    // entries of MaskTiles from a reference to the next
 };
 
 struct JacobianPush {

@@ -43,7 +43,12 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
     inverse_depth = {context,
                      {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}}};
   else
-    mask = {context, {"mask", mask_comp_spv, {storage_read, storage_read, storage_read, storage_write}, sizeof(MaskPush), {}}};
+    mask = {context,
+            {"mask",
+             mask_comp_spv,
+             {storage_read, storage_read, storage_read, storage_read, storage_read, storage_write},
+             sizeof(MaskPush),
+             {sizes.map, plan.max_features > 32767}}};
   jacobian = {context,
               {"jacobian",
                jacobian_comp_spv,

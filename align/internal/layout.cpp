@@ -29,9 +29,21 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options) {
     info.element_count = plan.dense ? info.width * info.height : static_cast<uint32_t>(plan.max_features) * ICLK_PATCH_AREA;
     element_stride += info.element_count;
     weight_stride = std::max(weight_stride, info.element_count);
+    if (!plan.dense) {
+      const BlockLattice blocks = lattice(info);
+      const auto reached = 4 * static_cast<uint64_t>(plan.max_features);  // each patch reaches into four at most
+      tile_stride += static_cast<uint32_t>(std::min(reached, static_cast<uint64_t>(blocks.columns) * blocks.rows));
+      entry_stride += static_cast<uint32_t>(reached);
+    }
     levels.push_back(info);
   }
   trace_stride = static_cast<uint32_t>(options.levels * options.iterations);
+}
+
+BlockLattice lattice(const shaders::LevelInfo& level) {
+  // A patch of level 0 lies in the image. At level l its last pixel is width + 4 at most: (width << l) is up to 2^l - 1 short.
+  const auto blocks = [](uint32_t pixels) { return (pixels + 4) / ICLK_BLOCK + 2; };
+  return {blocks(level.width), blocks(level.height)};
 }
 
 int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDeviceLimits& limits) {

@@ -19,9 +19,17 @@ struct Layout {
   uint32_t element_stride = 0;             // elements of a reference's template, all levels
   uint32_t weight_stride = 0;              // elements of the level that has most
   uint32_t trace_stride = 0;               // entries of a pair
+  uint32_t tile_stride = 0;                // mask tiles of a reference at most, all levels
+  uint32_t entry_stride = 0;               // their entries
 
   uint32_t row_pixels() const { return blocks_x * ICLK_BLOCK; }
 };
+
+/// The 8x8 blocks of a level that patches can reach into: from the one before the image, as patches hang over its border.
+struct BlockLattice {
+  uint32_t columns, rows;
+};
+BlockLattice lattice(const shaders::LevelInfo& level);
 
 /// How many pairs of a plan one batch can hold on a device: as many as its largest buffer may have, at most plan.max_pairs.
 /// Throws Error(unsupported) with the numbers if not even one fits.

@@ -20,6 +20,10 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   references = plan.add("references", sizeof(shaders::ReferenceInfo) * references_n, MemoryKind::upload, storage);
   features = plan.add("features", sizeof(shaders::FeatureInfo) * references_n * static_cast<uint64_t>(p.max_features),
                       MemoryKind::upload, storage);
+  const uint64_t tiles_n = p.dense ? 1 : layout.tile_stride * references_n,
+                 entries_n = p.dense ? 1 : layout.entry_stride * references_n;
+  tiles = plan.add("mask tiles", sizeof(shaders::MaskTile) * tiles_n, MemoryKind::upload, storage);
+  entries = plan.add("mask tile entries", 4 * entries_n, MemoryKind::upload, storage);
   const uint64_t image_bytes = 4ull * layout.pixel_words;
   pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, storage);
   pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, storage);
@@ -27,7 +31,8 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   maps0 = plan.add("reference maps", map_bytes * references_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   maps1 = plan.add("target maps", map_bytes * pairs_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   const uint64_t elements = layout.element_stride * references_n;
-  mask = plan.add("mask", 4 * elements, MemoryKind::device, storage);
+  // Dense mode: an inverse depth an element; sparse mode: two words a row of a patch.
+  mask = plan.add("mask", p.dense ? 4 * elements : 8 * (elements / ICLK_PATCH), MemoryKind::device, storage);
   template_a = plan.add("template", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   template_b = plan.add("template gradients", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   const bool weighted = options.robust != Robust::unit;
@@ -112,15 +117,20 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
       recorder.dispatch(kernels.inverse_depth, {&at(ids.levels), &at(ids.mask)}, level_push(l),
                         {groups_for(layout.levels[l].element_count, sizes.map), 1, count});
   } else {
-    recorder.dispatch(kernels.mask, {&at(ids.levels), &at(ids.references), &at(ids.features), &at(ids.mask)},
-                      shaders::MaskPush{first, max_features, layout.element_stride}, {max_features, levels_n, count});
+    recorder.dispatch(
+        kernels.mask,
+        {&at(ids.levels), &at(ids.references), &at(ids.features), &at(ids.tiles), &at(ids.entries), &at(ids.mask)},
+        shaders::MaskPush{first, max_features, layout.element_stride, layout.tile_stride, layout.entry_stride},
+        {groups_for(layout.tile_stride * ICLK_BLOCK, sizes.map), count, 1});
   }
   recorder.stage("jacobian");
-  for (uint32_t l = 0; l < levels_n; ++l)
+  // Patches are as many at every level; maps are not.
+  const uint32_t at_once = plan.dense ? 1 : levels_n;
+  for (uint32_t l = 0; l < levels_n; l += at_once)
     recorder.dispatch(
         kernels.jacobian,
         {&at(ids.levels), &at(ids.features), &at(ids.mask), &at(ids.maps0), &at(ids.template_a), &at(ids.template_b)},
-        level_push(l), {groups_for(layout.levels[l].element_count, sizes.map), 1, count});
+        level_push(l), {groups_for(layout.levels[l].element_count / (plan.dense ? 1 : ICLK_PATCH), sizes.map), at_once, count});
 }
 
 void Stages::targets(Recorder& recorder, uint32_t count) const { pyramid(recorder, at(ids.pixels1), at(ids.maps1), 0, count); }

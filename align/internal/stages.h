@@ -16,8 +16,8 @@ struct AlignerBuffers {
                  const WorkgroupSizes& sizes, bool unified_memory, int batch);
 
   engine::MemoryPlan plan;
-  engine::BufferId levels, references, features, pixels0, pixels1, maps0, maps1, mask, template_a, template_b, weights,
-      residuals, parts;
+  engine::BufferId levels, references, features, tiles, entries, pixels0, pixels1, maps0, maps1, mask, template_a, template_b,
+      weights, residuals, parts;
   std::optional<engine::BufferId> staging0, staging1, staging_depth;  // where device memory cannot be mapped
 };
 
