@@ -372,8 +372,9 @@ const std::shared_ptr<const engine::Context>& DeviceAligner::context() const { r
 
 DeviceAligner::Maps DeviceAligner::maps() const {
   const Impl& m = *impl_;
-  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &m.memory[m.ids.maps0], &m.memory[m.ids.maps1],
-          m.layout.map_stride};
+  const internal::Stages stages = m.stages();
+  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &stages.map0(0),          &stages.map1(0),
+          &m.memory[m.ids.maps0],  &m.memory[m.ids.maps1],      m.layout.level_stride(0), m.layout.map_stride};
 }
 
 const engine::Buffer& DeviceAligner::template_pixels() const { return impl_->memory[impl_->ids.template_a]; }

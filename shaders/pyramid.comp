@@ -1,7 +1,7 @@
 #version 460
 // Grey pyramid, levels 0 to 3 in one pass: pixels -> maps. An invocation makes an 8x8 block of level 0 and what lies above it.
-// Inputs: raw pixels, rows padded to whole blocks. Outputs: one map a level (align/pyramid.h: grey_pyramid);
-// padding holds garbage.
+// Inputs: raw pixels, rows padded to whole blocks. Outputs: one map a level (align/pyramid.h: grey_pyramid), of level 0 where
+// it is not the pixels themselves; padding holds garbage.
 // Groups: (ceil(blocks_x / local size), blocks_y, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -17,6 +17,8 @@ layout(set = 0, binding = 2, std430) writeonly buffer Maps2 { vec2 maps2[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Maps1 { float maps1[]; };
 layout(push_constant) uniform Push { PyramidPush push; };
 
+// Single-channel pixels are level 0 themselves.
+const bool STORE_LEVEL_0 = FORMAT != ICLK_FORMAT_R8 && FORMAT != ICLK_FORMAT_R32F;
 const vec3 LUMA = vec3(0.299, 0.587, 0.114);
 
 float luma8(uint p) {
@@ -70,12 +72,12 @@ void main() {
     vec4 a0, b0, a1, b1;                                                             \
     load_row(in_base + min(v0, last) * in_pitch, a0, b0);                            \
     load_row(in_base + min(v1, last) * in_pitch, a1, b1);                            \
-    if (v0 <= last) {                                                                \
+    if (STORE_LEVEL_0 && v0 <= last) {                                                             \
       uint at = (at0 + v0 * levels[0].pitch) >> 2;                                   \
       maps4[at] = a0;                                                                \
       maps4[at + 1] = b0;                                                            \
     }                                                                                \
-    if (v1 <= last) {                                                                \
+    if (STORE_LEVEL_0 && v1 <= last) {                                                             \
       uint at = (at0 + v1 * levels[0].pitch) >> 2;                                   \
       maps4[at] = a1;                                                                \
       maps4[at + 1] = b1;                                                            \

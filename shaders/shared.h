@@ -60,7 +60,7 @@ using uint = uint32_t;
 struct LevelInfo {
   uint width, height;
   uint pitch;           // floats from a row of a map to the next
-  uint map_offset;      // floats from the start of an image's maps to this level
+  uint map_offset;      // floats from the start of an image's maps to this level; 0 where level 0 lies in the pixels
   uint element_offset;  // elements from the start of a reference's template to this level
   uint element_count;   // of this level: 64 a feature, or one a pixel in dense mode
 };
@@ -207,7 +207,8 @@ struct AlignedInfo {
 };
 
 struct FeatureAlignmentPush {
-  uint map_stride;
+  uint fine_stride;  // texels from an image's level 0 to the next
+  uint map_stride;   // the same of the other levels
   uint level_count;
   uint iterations;
   uint coarse_start;  // iclk::CoarseStart

@@ -25,8 +25,10 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   tiles = plan.add("mask tiles", sizeof(shaders::MaskTile) * tiles_n, MemoryKind::upload, storage);
   entries = plan.add("mask tile entries", 4 * entries_n, MemoryKind::upload, storage);
   const uint64_t image_bytes = 4ull * layout.pixel_words;
-  pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, storage);
-  pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, storage);
+  const auto pixels = layout.level0_in_pixels ? texels : storage;
+  const VkFormat pixel_format = p.format == PixelFormat::r8 ? VK_FORMAT_R8_UNORM : VK_FORMAT_R32_SFLOAT;
+  pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, pixels, pixel_format);
+  pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, pixels, pixel_format);
   const uint64_t map_bytes = 4ull * layout.map_stride;
   maps0 = plan.add("reference maps", map_bytes * references_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   maps1 = plan.add("target maps", map_bytes * pairs_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
@@ -77,12 +79,13 @@ engine::ArenaSize Stages::arena_size(const Kernels& k) {
   size.add(k.halve, 2);
   if (k.mask) size.add(k.mask);
   if (k.inverse_depth) size.add(k.inverse_depth);
-  size.add(k.jacobian);
-  if (k.residual) size.add(k.residual);
+  // Twice where level 0 may lie in another buffer than the levels beyond.
+  size.add(k.jacobian, 2);
+  if (k.residual) size.add(k.residual, 2);
   if (k.weights) size.add(k.weights);
-  size.add(k.normal_equations);
+  size.add(k.normal_equations, 2);
   size.add(k.lm_step);
-  size.add(k.iterate);
+  size.add(k.iterate, 2);
   size.add(k.result);
   return size;
 }
@@ -96,8 +99,9 @@ void Stages::pyramid(Recorder& recorder, const Buffer& pixels, const Buffer& map
   p.pixel_stride = layout.pixel_words;
   p.map_stride = layout.map_stride;
   p.first_image = first;
-  recorder.dispatch(kernels.pyramid, {&at(ids.levels), &pixels, &maps}, p,
-                    {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
+  if (layout.levels.size() > 1 || !layout.level0_in_pixels)
+    recorder.dispatch(kernels.pyramid, {&at(ids.levels), &pixels, &maps}, p,
+                      {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
   for (size_t l = ICLK_FUSED_LEVELS; l < layout.levels.size(); ++l)
     recorder.dispatch(kernels.halve, {&at(ids.levels), &maps},
                       shaders::HalvePush{static_cast<uint32_t>(l), layout.map_stride, first},
@@ -110,7 +114,8 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
   const auto max_features = static_cast<uint32_t>(plan.max_features);
   const auto levels_n = static_cast<uint32_t>(layout.levels.size());
   const auto level_push = [&](uint32_t level) {
-    return shaders::JacobianPush{level, first, max_features, layout.element_stride, layout.map_stride};
+    return shaders::JacobianPush{level, first, max_features, layout.element_stride,
+                                 layout.level_stride(static_cast<int>(level))};
   };
   if (plan.dense) {
     for (uint32_t l = 0; l < levels_n; ++l)
@@ -124,13 +129,15 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
         {groups_for(layout.tile_stride * ICLK_BLOCK, sizes.map), count, 1});
   }
   recorder.stage("jacobian");
-  // Patches are as many at every level; maps are not.
-  const uint32_t at_once = plan.dense ? 1 : levels_n;
-  for (uint32_t l = 0; l < levels_n; l += at_once)
-    recorder.dispatch(
-        kernels.jacobian,
-        {&at(ids.levels), &at(ids.features), &at(ids.mask), &at(ids.maps0), &at(ids.template_a), &at(ids.template_b)},
-        level_push(l), {groups_for(layout.levels[l].element_count / (plan.dense ? 1 : ICLK_PATCH), sizes.map), at_once, count});
+  // Patches are as many at every level, so that one dispatch serves all levels of a buffer; pixels are not.
+  for (uint32_t l = 0, n = 1; l < levels_n; l += n) {
+    n = plan.dense || (l == 0 && layout.level0_in_pixels) ? 1 : levels_n - l;
+    recorder.dispatch(kernels.jacobian,
+                      {&at(ids.levels), &at(ids.features), &at(ids.mask), &map0(static_cast<int>(l)), &at(ids.template_a),
+                       &at(ids.template_b)},
+                      level_push(l),
+                      {groups_for(layout.levels[l].element_count / (plan.dense ? 1 : ICLK_PATCH), sizes.map), n, count});
+  }
 }
 
 void Stages::targets(Recorder& recorder, uint32_t count) const { pyramid(recorder, at(ids.pixels1), at(ids.maps1), 0, count); }
@@ -139,7 +146,7 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
   shaders::IteratePush p{};
   p.level = static_cast<uint32_t>(level);
   p.element_stride = layout.element_stride;
-  p.map_stride = layout.map_stride;
+  p.map_stride = layout.level_stride(level);
   p.weight_stride = layout.weight_stride;
   p.iterations = iterations;
   p.group_elements = sizes.group_elements;
@@ -158,7 +165,7 @@ void Stages::weights(Recorder& recorder, int level, uint32_t pairs, uint32_t fla
   recorder.stage("residual");
   recorder.dispatch(kernels.residual,
                     {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                     &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &at(ids.residuals)},
+                     &map1(level), &at(ids.weights), &run[run_ids.states], &at(ids.residuals)},
                     p, {groups_for(layout.levels[static_cast<size_t>(level)].element_count, sizes.map), pairs, 1});
   recorder.stage("weights");
   recorder.dispatch(kernels.weights,
@@ -170,7 +177,7 @@ void Stages::normal_equations(Recorder& recorder, int level, uint32_t pairs, uin
   recorder.stage("normal_equations");
   recorder.dispatch(kernels.normal_equations,
                     {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                     &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &at(ids.parts)},
+                     &map1(level), &at(ids.weights), &run[run_ids.states], &at(ids.parts)},
                     push(level, iteration, flags), {partial_groups(layout, sizes, level), pairs, 1});
 }
 
@@ -179,7 +186,7 @@ void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t ite
     recorder.stage("iterate");
     recorder.dispatch(kernels.iterate,
                       {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                       &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &run[run_ids.trace]},
+                       &map1(level), &at(ids.weights), &run[run_ids.states], &run[run_ids.trace]},
                       push(level, iterations, flags), {pairs, 1, 1});
     return;
   }
