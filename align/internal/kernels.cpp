@@ -31,7 +31,8 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                  const WorkgroupSizes& sizes) {
   using enum engine::BindingKind;
   using namespace shaders;
-  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive;
+  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive,
+                 weighted = options.robust != Robust::unit;
   pyramid = {context,
              {"pyramid",
               pyramid_comp_spv,
@@ -76,7 +77,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                        {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
                         storage_read, storage_write},
                        sizeof(IteratePush),
-                       {sizes.iterate}}};
+                       {sizes.iterate, photometric, adaptive, weighted}}};
   lm_step = {context,
              {"lm_step",
               lm_step_comp_spv,
@@ -89,7 +90,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read_write,
                storage_write},
               sizeof(IteratePush),
-              {sizes.iterate, photometric, adaptive}}};
+              {sizes.iterate, photometric, adaptive, weighted}}};
   result = {context, {"result", result_comp_spv, {storage_read, storage_read, storage_write}, sizeof(ResultPush), {}}};
 }
 
