@@ -24,7 +24,7 @@ void add_element(View view, int k) {
 
   // J = gu ju + gv jv, align/internal/jacobian.h
   vec2 g = gradient * vec2(view.camera.fx, view.camera.fy);
-  float x = (a.x - view.camera.cx) / view.camera.fx, y = (a.y - view.camera.cy) / view.camera.fy;
+  float x = (a.x - view.camera.cx) * view.inverse_focal.x, y = (a.y - view.camera.cy) * view.inverse_focal.y;
   float gxy = g.x * x + g.y * y;
   vec4 lo = vec4(g.x * a.z, g.y * a.z, -a.z * gxy, -(y * gxy + g.y));
   vec4 hi = vec4(x * gxy + g.x, g.y * x - g.x * y, a.w, 1.0);

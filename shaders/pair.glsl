@@ -6,6 +6,7 @@ View view_of(uint pair) {
   LevelInfo info = levels[push.level];
   View view;
   view.camera = level_camera(references[reference], info, push.level);
+  view.inverse_focal = 1.0 / vec2(view.camera.fx, view.camera.fy);
   view.template_base = int(reference * push.element_stride + info.element_offset);
   view.map_base = int(pair * push.map_stride + info.map_offset);
   view.pitch = int(info.pitch);

@@ -7,6 +7,7 @@ layout(constant_id = 3) const bool WEIGHTED = true;
 // Everything that the elements of a pair share.
 struct View {
   LevelCamera camera;
+  vec2 inverse_focal;
   Pose pose;
   float gain, bias;
   int template_base, map_base, pitch, weight_base;
@@ -16,7 +17,7 @@ struct View {
 // f1(warp(u)) - (gain f0 + bias); visible = in front of camera 1 and inside the image.
 float residual_at(View view, vec4 a, out bool visible) {
   vec2 focal = vec2(view.camera.fx, view.camera.fy), principal = vec2(view.camera.cx, view.camera.cy);
-  vec2 ray = (a.xy - principal) / focal;
+  vec2 ray = (a.xy - principal) * view.inverse_focal;
   vec3 p = view.pose.R * vec3(ray, 1.0) + a.z * view.pose.t;
   float iz = 1.0 / p.z;
   vec2 w = p.xy * iz * focal + principal;
