@@ -11,7 +11,6 @@
 namespace iclk {
 
 using engine::Recorder;
-using internal::LmIteration;
 
 namespace {
 
@@ -47,7 +46,8 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       run(context, run_ids.plan),
       arena(context, internal::Stages::arena_size(kernels)),
       submission(context),
-      slots(static_cast<size_t>(plan.max_references)) {
+      slots(static_cast<size_t>(plan.max_references)),
+      tiles(plan, layout) {
   std::memcpy(memory[ids.levels].mapped, layout.levels.data(), layout.levels.size() * sizeof(shaders::LevelInfo));
   // Slots that nobody sets are never read, but a batch is prepared in runs: no features is a state that harms nothing.
   std::memset(memory[ids.references].mapped, 0, sizeof(shaders::ReferenceInfo) * slots.size());
@@ -77,27 +77,30 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
 
 void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
                                    std::vector<FeatureCheck> checks) {
+  const auto s = static_cast<size_t>(slot);
+  uint32_t tile_count = 0;
+  if (!plan.dense)
+    tile_count = tiles.build(features, checks, memory[ids.tiles].as<shaders::MaskTile>() + s * layout.tile_stride,
+                             memory[ids.entries].as<uint32_t>() + s * layout.entry_stride);
   auto* info = memory[ids.references].as<shaders::ReferenceInfo>() + slot;
-  *info = {static_cast<float>(camera.fx),          static_cast<float>(camera.fy),
-           static_cast<float>(camera.cx),          static_cast<float>(camera.cy),
-           static_cast<float>(mean_inverse_depth), plan.dense ? 0u : static_cast<uint32_t>(features.size())};
-  auto* list =
-      memory[ids.features].as<shaders::FeatureInfo>() + static_cast<size_t>(slot) * static_cast<size_t>(plan.max_features);
+  *info = {static_cast<float>(camera.fx), static_cast<float>(camera.fy),          static_cast<float>(camera.cx),
+           static_cast<float>(camera.cy), static_cast<float>(mean_inverse_depth), tile_count};
+  auto* list = memory[ids.features].as<shaders::FeatureInfo>() + s * static_cast<size_t>(plan.max_features);
   for (int i = 0; i < features.size(); ++i) {
     const auto k = static_cast<size_t>(i);
     const bool ok = checks[k] == FeatureCheck::ok;
     list[i] = {ok ? static_cast<float>(features.uv[k].x()) : 0.0f, ok ? static_cast<float>(features.uv[k].y()) : 0.0f,
                ok ? static_cast<float>(features.inverse_depth[k]) : 0.0f, 0.0f};
   }
-  // Entries beyond the count are read by the mask kernel too, and must say "takes no part".
+  // Entries beyond the count are read by the Jacobian's kernel too, and must say "takes no part".
   for (int i = features.size(); i < plan.max_features; ++i) list[i] = {0, 0, 0, 0};
-  Slot& s = slots[static_cast<size_t>(slot)];
-  s.enough = internal::enough_to_align(checks, mean_inverse_depth, plan, options);
-  s.set = s.dirty = true;
-  s.camera = camera;
-  s.features = features;
-  s.checks = std::move(checks);
-  s.mean_inverse_depth = mean_inverse_depth;
+  Slot& kept = slots[s];
+  kept.enough = internal::enough_to_align(checks, mean_inverse_depth, plan, options);
+  kept.set = kept.dirty = true;
+  kept.camera = camera;
+  kept.features = features;
+  kept.checks = std::move(checks);
+  kept.mean_inverse_depth = mean_inverse_depth;
 }
 
 std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference& reference) {
@@ -215,173 +218,6 @@ std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair
   return out;
 }
 
-// One batch of the host solver: each evaluation is a submission, each step is LmIteration's.
-struct DeviceAligner::Impl::HostRun {
-  Impl& m;
-  std::span<const Pair> pairs;
-  std::vector<LmIteration> lm;
-  std::vector<Alignment> out;
-  shaders::PairInfo* infos;
-
-  HostRun(Impl& impl, std::span<const Pair> batch_pairs)
-      : m(impl), pairs(batch_pairs), out(batch_pairs.size()), infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
-    for (size_t i = 0; i < pairs.size(); ++i) {
-      const Slot& slot = slot_of(i);
-      const PosePrior* prior = pairs[i].prior ? &*pairs[i].prior : nullptr;
-      lm.emplace_back(internal::LmProblem{&m.options, prior, slot.mean_inverse_depth}, pairs[i].T_10);
-      infos[i] = internal::pack_pair(pairs[i].T_10, prior, pairs[i].reference, slot.enough, m.options);
-      out[i].features = slot.checks;
-    }
-  }
-
-  const Slot& slot_of(size_t i) const { return m.slots[static_cast<size_t>(pairs[i].reference)]; }
-  uint32_t count() const { return static_cast<uint32_t>(pairs.size()); }
-
-  void point(size_t i, bool enabled) {
-    infos[i].enabled = enabled && slot_of(i).enough;
-    infos[i].gain = static_cast<float>(lm[i].point().gain);
-    infos[i].bias = static_cast<float>(lm[i].point().bias);
-    internal::pack_pose(lm[i].point().T_10, infos[i].pose);
-  }
-
-  internal::NormalSums sums(size_t i, int level) const {
-    const uint32_t groups = internal::partial_groups(m.layout, m.sizes, level);
-    const float* part = m.memory[m.ids.parts].as<const float>() + i * groups * ICLK_SUM_FLOATS;
-    internal::NormalSums total;
-    for (uint32_t g = 0; g < groups; ++g) {
-      const internal::NormalSums sum = internal::unpack_sums(part + g * ICLK_SUM_FLOATS);
-      total.H += sum.H;
-      total.g += sum.g;
-      total.cost += sum.cost;
-      total.visible += sum.visible;
-      total.masked += sum.masked;
-    }
-    return total;
-  }
-
-  internal::Agreement agreement(size_t i) const {
-    const uint32_t groups = internal::partial_groups(m.layout, m.sizes, 0);
-    const float* part = m.memory[m.ids.parts].as<const float>() + i * groups * ICLK_SUM_FLOATS;
-    internal::Agreement total;
-    for (uint32_t g = 0; g < groups; ++g) {
-      const internal::Agreement sum = internal::unpack_agreement(part + g * ICLK_SUM_FLOATS);
-      total.cross += sum.cross;
-      total.target += sum.target;
-    }
-    return total;
-  }
-
-  // Records and runs one evaluation at every enabled pair; `before` records what precedes it.
-  template <class Before>
-  void evaluate(int level, uint32_t flags, Before&& before) {
-    Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
-    before(recorder);
-    m.stages().normal_equations(recorder, level, count(), 0, flags | ICLK_FLAG_GIVEN);
-    recorder.host_read({&m.memory[m.ids.parts]});
-    recorder.finish();
-    m.submission.end();
-    m.submit();
-  }
-
-  void align() {
-    const int coarsest = m.options.levels - 1;
-    bool uploaded = false;
-    const auto upload = [&](Recorder& recorder) {
-      if (uploaded) return;
-      uploaded = true;
-      m.prepare_dirty(recorder);
-      m.upload_targets(recorder, pairs);
-      m.stages().targets(recorder, count());
-    };
-    if (m.options.photometric) {
-      evaluate(coarsest, ICLK_FLAG_UNIT_WEIGHTS, upload);
-      for (size_t i = 0; i < pairs.size(); ++i)
-        if (slot_of(i).enough) lm[i].start_photometric(sums(i, coarsest));
-    }
-    for (int level = coarsest; level >= 0; --level) align_level(level, upload);
-  }
-
-  template <class Upload>
-  void align_level(int level, Upload& upload) {
-    for (size_t i = 0; i < pairs.size(); ++i) {
-      lm[i].begin_level(slot_of(i).camera.at_level(level));
-      LevelTrace trace;
-      trace.level = level;
-      if (slot_of(i).enough) out[i].levels.push_back(trace);
-      point(i, true);
-    }
-    // The first evaluation of a level follows its weights; the others are the same submission again.
-    evaluate(level, 0, [&](Recorder& recorder) {
-      upload(recorder);
-      m.stages().weights(recorder, level, count(), ICLK_FLAG_GIVEN);
-    });
-    bool recorded_again = false;
-    const auto evaluate_again = [&] {
-      if (recorded_again) return m.submit();
-      recorded_again = true;
-      evaluate(level, 0, [](Recorder&) {});
-    };
-    const bool ends = level == 0 || m.options.damping == Damping::adaptive;
-    for (int iteration = 0; iteration < m.options.iterations; ++iteration) {
-      bool any = false;
-      for (size_t i = 0; i < pairs.size(); ++i) {
-        if (!slot_of(i).enough || lm[i].level_done()) continue;
-        out[i].levels.back().iterations.push_back(lm[i].step(sums(i, level)));
-        any = any || !lm[i].level_done();
-      }
-      for (size_t i = 0; i < pairs.size(); ++i) point(i, !lm[i].level_done());
-      if (!any || iteration + 1 == m.options.iterations) break;
-      evaluate_again();
-    }
-    if (!ends) return;
-    for (size_t i = 0; i < pairs.size(); ++i) point(i, true);
-    evaluate_again();
-    for (size_t i = 0; i < pairs.size(); ++i)
-      if (slot_of(i).enough) lm[i].end_level(sums(i, level));
-    if (level == 0) evaluate_agreement();
-  }
-
-  // At the poses where the finest level ended; its weights are still there.
-  void evaluate_agreement() {
-    for (size_t i = 0; i < pairs.size(); ++i) point(i, true);
-    Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
-    m.stages().agreement(recorder, count(), ICLK_FLAG_GIVEN);
-    recorder.host_read({&m.memory[m.ids.parts]});
-    recorder.finish();
-    m.submission.end();
-    m.submit();
-  }
-
-  void conclude() {
-    const shaders::PairState* states = internal::read_states(m.run_ids, m.run);
-    for (size_t i = 0; i < pairs.size(); ++i) {
-      const Slot& slot = slot_of(i);
-      if (!slot.enough) {
-        out[i] = internal::too_few_features(slot.checks, pairs[i].T_10, m.options);
-        continue;
-      }
-      if (m.options.robust != Robust::unit)
-        for (LevelTrace& level : out[i].levels) level.scale = states[i].scale[level.level];
-      internal::conclude({lm[i].point(), lm[i].sums(), agreement(i), lm[i].singular(), lm[i].last_step(), slot.camera,
-                          slot.mean_inverse_depth, pairs[i].prior ? &*pairs[i].prior : nullptr},
-                         m.options, out[i]);
-    }
-  }
-};
-
-std::vector<Alignment> DeviceAligner::Impl::align_on_host(std::span<const Pair> pairs) {
-  HostRun host(*this, pairs);
-  host.align();
-  if (options.robust != Robust::unit && run_ids.states_read) {  // the scales lie in the states
-    Recorder recorder(*context, submission.begin(), arena);
-    stages().read_back(recorder, static_cast<uint32_t>(pairs.size()));
-    submission.end();
-    submission.submit_and_wait();
-  }
-  host.conclude();
-  return std::move(host.out);
-}
-
 const Camera& DeviceAligner::camera(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).camera; }
 const Features& DeviceAligner::features(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).features; }
 const std::vector<FeatureCheck>& DeviceAligner::checks(int slot) const {
@@ -393,8 +229,9 @@ const std::shared_ptr<const engine::Context>& DeviceAligner::context() const { r
 
 DeviceAligner::Maps DeviceAligner::maps() const {
   const Impl& m = *impl_;
-  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &m.memory[m.ids.maps0], &m.memory[m.ids.maps1],
-          m.layout.map_stride};
+  const internal::Stages stages = m.stages();
+  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &stages.map0(0),          &stages.map1(0),
+          &m.memory[m.ids.maps0],  &m.memory[m.ids.maps1],      m.layout.level_stride(0), m.layout.map_stride};
 }
 
 const engine::Buffer& DeviceAligner::template_pixels() const { return impl_->memory[impl_->ids.template_a]; }

@@ -78,14 +78,15 @@ class DeviceAligner : public Aligner {
   void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
               std::span<const DevicePair> pairs);
 
-  /// Grey maps on the device, for the refinement: maps of slot or pair i begin at i * map_stride floats; level l is
-  /// LevelInfo `levels[l]`. Targets are those of the last batch.
+  /// Grey maps on the device, for the refinement, as texel views. Level 0 of slot or pair i begins at texel i * fine_stride of
+  /// fine0 or fine1, levels beyond at i * map_stride + LevelInfo::map_offset of maps0 or maps1. With a single-channel
+  /// Plan::format level 0 is the pixels themselves, else it lies in the maps. Targets are those of the last batch.
   struct Maps {
-    const engine::Buffer* levels;      ///< shaders::LevelInfo
-    const engine::Buffer* references;  ///< shaders::ReferenceInfo a slot
-    const engine::Buffer* maps0;       ///< r32f texel view
-    const engine::Buffer* maps1;
-    uint32_t map_stride;
+    const engine::Buffer* levels;         ///< shaders::LevelInfo
+    const engine::Buffer* references;     ///< shaders::ReferenceInfo a slot
+    const engine::Buffer *fine0, *fine1;  ///< r8, r32f
+    const engine::Buffer *maps0, *maps1;  ///< r32f
+    uint32_t fine_stride, map_stride;
   };
   Maps maps() const;
   /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/jacobian.comp.

@@ -35,11 +35,12 @@ struct Buffers {
 
 engine::KernelDescription description() {
   using enum engine::BindingKind;
-  return {"feature_alignment",
-          feature_alignment_comp_spv,
-          {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, storage_write},
-          sizeof(shaders::FeatureAlignmentPush),
-          {}};
+  return {
+      "feature_alignment",
+      feature_alignment_comp_spv,
+      {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, texel_read, storage_write},
+      sizeof(shaders::FeatureAlignmentPush),
+      {}};
 }
 
 engine::ArenaSize arena_size(const engine::Kernel& kernel) {
@@ -154,6 +155,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
     if (pieces_.empty()) return;
     const DeviceAligner::Maps maps = aligner_.maps();
     shaders::FeatureAlignmentPush push{};
+    push.fine_stride = maps.fine_stride;
     push.map_stride = maps.map_stride;
     push.level_count = static_cast<uint32_t>(maps.levels->size / sizeof(shaders::LevelInfo));
     push.iterations = static_cast<uint32_t>(options_.iterations);
@@ -168,8 +170,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
     engine::Recorder recorder(*aligner_.context(), submission_.begin(), arena_);
     recorder.stage("feature_alignment");
     recorder.dispatch(kernel_,
-                      {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.maps0, maps.maps1,
-                       &memory_[ids_.aligned]},
+                      {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
+                       maps.maps0, maps.maps1, &memory_[ids_.aligned]},
                       push, {widest->count, static_cast<uint32_t>(pieces_.size()), 1});
     recorder.host_read({&memory_[ids_.aligned]});
     recorder.finish();

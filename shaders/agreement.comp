@@ -42,26 +42,27 @@ void add_gradients(View view, int k) {
 
   vec4 lo0, lo1;
   vec2 hi0, hi1;
-  jacobian(view.camera, a, g0, lo0, hi0);
-  jacobian(view.camera, a, g1, lo1, hi1);
+  jacobian(view, a, g0, lo0, hi0);
+  jacobian(view, a, g1, lo1, hi1);
   vec4 wlo0 = 0.5 * w * lo0, wlo1 = 0.5 * w * lo1;
   vec2 whi0 = 0.5 * w * hi0, whi1 = 0.5 * w * hi1;
+  // Symmetric blocks: the upper triangle only, see complete_sums().
   sums[0] += wlo0.x * lo1 + wlo1.x * lo0;
-  sums[1] += wlo0.y * lo1 + wlo1.y * lo0;
-  sums[2] += wlo0.z * lo1 + wlo1.z * lo0;
-  sums[3] += wlo0.w * lo1 + wlo1.w * lo0;
+  sums[1].yzw += wlo0.y * lo1.yzw + wlo1.y * lo0.yzw;
+  sums[2].zw += wlo0.z * lo1.zw + wlo1.z * lo0.zw;
+  sums[3].w += wlo0.w * lo1.w + wlo1.w * lo0.w;
   sums[4] += vec4(wlo0.x * hi1 + wlo1.x * hi0, wlo0.y * hi1 + wlo1.y * hi0);
   sums[5] += vec4(wlo0.z * hi1 + wlo1.z * hi0, wlo0.w * hi1 + wlo1.w * hi0);
   sums[6] += vec4(whi0.x * hi1 + whi1.x * hi0, whi0.y * hi1 + whi1.y * hi0);
   wlo1 *= 2.0;
   whi1 *= 2.0;
-  sums[7] += wlo1.x * lo1;
-  sums[8] += wlo1.y * lo1;
-  sums[9] += wlo1.z * lo1;
-  sums[10] += wlo1.w * lo1;
-  sums[11] += vec4(wlo1.x * hi1, wlo1.y * hi1);
-  sums[12] += vec4(wlo1.z * hi1, wlo1.w * hi1);
-  sums[13] += vec4(whi1.x * hi1, whi1.y * hi1);
+  sums[8] += wlo1.x * lo1;
+  sums[9].yzw += wlo1.y * lo1.yzw;
+  sums[10].zw += wlo1.z * lo1.zw;
+  sums[11].w += wlo1.w * lo1.w;
+  sums[12] += vec4(wlo1.x * hi1, wlo1.y * hi1);
+  sums[13] += vec4(wlo1.z * hi1, wlo1.w * hi1);
+  sums[14] += vec4(whi1.x * hi1, whi1.y * hi1);
 }
 
 void main() {

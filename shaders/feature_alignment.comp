@@ -15,9 +15,11 @@ layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]
 layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Tasks { FeatureTask tasks[]; };
 layout(set = 0, binding = 3, std430) readonly buffer FeatureList { FeatureInfo features[]; };
-layout(set = 0, binding = 4) uniform samplerBuffer maps0;
-layout(set = 0, binding = 5) uniform samplerBuffer maps1;
-layout(set = 0, binding = 6, std430) writeonly buffer Aligned { AlignedInfo aligned[]; };
+layout(set = 0, binding = 4) uniform samplerBuffer fine0;  // level 0
+layout(set = 0, binding = 5) uniform samplerBuffer fine1;
+layout(set = 0, binding = 6) uniform samplerBuffer maps0;  // the others
+layout(set = 0, binding = 7) uniform samplerBuffer maps1;
+layout(set = 0, binding = 8, std430) writeonly buffer Aligned { AlignedInfo aligned[]; };
 layout(push_constant) uniform Push { FeatureAlignmentPush push; };
 
 const uint ALIGNED = 0, DIVERGED = 1, OUT_OF_IMAGE = 2, LOW_TEXTURE = 3, BAD_MATCH = 4, REJECTED = 5;  // FeatureStatus
@@ -42,15 +44,27 @@ void sum_rows(inout vec4 a, inout vec4 b) {
   barrier();
 }
 
-// A map: where it begins, its pitch, and its last pixel.
+// A map: where it begins, its pitch, its last pixel, and (known when compiled) the buffer.
 struct MapView {
   int base, pitch;
   ivec2 last;
+  bool fine;
 };
 
 MapView map_view(uint image, uint level) {
   LevelInfo info = levels[level];
-  return MapView(int(image * push.map_stride + info.map_offset), int(info.pitch), ivec2(info.width, info.height) - 1);
+  uint base = level == 0u ? image * push.fine_stride : image * push.map_stride + info.map_offset;
+  return MapView(int(base), int(info.pitch), ivec2(info.width, info.height) - 1, level == 0u);
+}
+
+float fetch0(MapView m, int at) {
+  if (m.fine) return texelFetch(fine0, at).x;
+  return texelFetch(maps0, at).x;
+}
+
+float fetch1(MapView m, int at) {
+  if (m.fine) return texelFetch(fine1, at).x;
+  return texelFetch(maps1, at).x;
 }
 
 float bilinear0(MapView m, vec2 p) {
@@ -58,8 +72,8 @@ float bilinear0(MapView m, vec2 p) {
   ivec2 corner = clamp(ivec2(p), ivec2(0), m.last - 1);  // in integers: a NaN still reads a place that exists
   vec2 f = p - vec2(corner);
   int at = m.base + corner.y * m.pitch + corner.x;
-  vec2 top = vec2(texelFetch(maps0, at).x, texelFetch(maps0, at + 1).x);
-  vec2 bottom = vec2(texelFetch(maps0, at + m.pitch).x, texelFetch(maps0, at + m.pitch + 1).x);
+  vec2 top = vec2(fetch0(m, at), fetch0(m, at + 1));
+  vec2 bottom = vec2(fetch0(m, at + m.pitch), fetch0(m, at + m.pitch + 1));
   vec2 left_right = mix(top, bottom, f.y);
   return mix(left_right.x, left_right.y, f.x);
 }
@@ -155,7 +169,7 @@ Sums sum_patch(MapView f1, vec2 c1, Template t) {
   int at = f1.base + (corner.y + row) * f1.pitch + corner.x;
   float blend[ICLK_PATCH + 1];
   [[unroll]] for (int i = 0; i <= ICLK_PATCH; ++i)
-    blend[i] = mix(texelFetch(maps1, at + i).x, texelFetch(maps1, at + f1.pitch + i).x, f.y);
+    blend[i] = mix(fetch1(f1, at + i), fetch1(f1, at + f1.pitch + i), f.y);
   vec4 a = vec4(0.0), b = vec4(0.0);
   [[unroll]] for (int i = 0; i < ICLK_PATCH; ++i) {
     float I = mix(blend[i], blend[i + 1], f.x) - t.mean;

@@ -1,61 +1,98 @@
 #version 460
-// Mask and inverse depth of a reference (align/internal/mask.h: sparse_mask): for each pixel of each feature's patch, the
-// feature's inverse depth if the pixel belongs to it, else 0. A pixel in several patches belongs to the nearest feature,
-// on a tie to the lower index: a minimum over the features whose patches meet this one, so no order and no atomics matter.
-// Groups: (max_features, levels, references); 64 invocations, one a patch pixel.
+// Mask of a reference (align/internal/mask.h: sparse_mask): which pixels of its patch belong to a feature. A pixel in
+// several patches belongs to the nearest feature, on a tie to the lower index.
+// The host lists for every 8x8 block the features that reach into it (align/internal/tiles.h). Each pixel finds its owner in
+// the list of its block, then tells every feature of the list: work in proportion to the features, however they crowd.
+// Output: two words a patch row, whose union has bit i set where pixel i belongs to the feature: a row lies in two blocks.
+// Groups: (ceil(8 tile_stride / local size), references, 1); an invocation is a row of a block.
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
-layout(local_size_x = ICLK_PATCH_AREA) in;
+layout(local_size_x_id = 0) in;
+// Lavapipe (Mesa 22.3) stops the loops of an invocation after 65,535 rounds together; then a round is four features.
+layout(constant_id = 1) const bool CROWDED = false;
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 2, std430) readonly buffer FeatureList { vec4 features[]; };
-layout(set = 0, binding = 3, std430) writeonly buffer Mask { float mask[]; };
+layout(set = 0, binding = 3, std430) readonly buffer Tiles { uvec4 tiles[]; };  // MaskTile
+layout(set = 0, binding = 4, std430) readonly buffer Entries { uint entries[]; };
+layout(set = 0, binding = 5, std430) writeonly buffer Mask { uint mask[]; };
 layout(push_constant) uniform Push { MaskPush push; };
 
-shared uint neighbours[ICLK_PATCH_AREA];
-shared uint neighbour_count;
+const uint NOBODY = 0xffffffffu;
+uint owner[ICLK_BLOCK];
+float least[ICLK_BLOCK];
 
-vec2 centre(uint reference, uint feature, float scale) {
-  return (features[reference * push.max_features + feature].xy + 0.5) * scale - 0.5;
+struct Row {
+  ivec2 first;  // pixel
+  float scale;  // of the level
+  uint features_at, elements_at;
+};
+
+vec2 centre(Row row, uint feature) { return (features[row.features_at + feature].xy + 0.5) * row.scale - 0.5; }
+
+// Strictly nearer: on a tie the lower index stays, as lists ascend.
+void claim(Row row, uint feature) {
+  vec2 c = centre(row, feature);
+  ivec2 begin = ivec2(floor(c)) - ICLK_PATCH_BEFORE;
+  bool in_rows = row.first.y >= begin.y && row.first.y < begin.y + ICLK_PATCH;
+  float dv = float(row.first.y) - c.y;
+  [[unroll]] for (int i = 0; i < ICLK_BLOCK; ++i) {
+    int u = row.first.x + i;
+    float du = float(u) - c.x;
+    precise float d = du * du + dv * dv;
+    if (in_rows && u >= begin.x && u < begin.x + ICLK_PATCH && d < least[i]) {
+      least[i] = d;
+      owner[i] = feature;
+    }
+  }
+}
+
+void tell(Row row, uint feature) {
+  ivec2 offset = ivec2(floor(centre(row, feature))) - ICLK_PATCH_BEFORE - row.first;  // of the patch
+  uint bits = 0u;
+  [[unroll]] for (int i = 0; i < ICLK_BLOCK; ++i) bits |= owner[i] == feature ? 1u << i : 0u;
+  if (offset.y > 0 || offset.y <= -ICLK_PATCH) return;
+  uint at = 2u * (row.elements_at / ICLK_PATCH + feature * ICLK_PATCH + uint(-offset.y));
+  // Of two blocks the left one has the first word. Where there is but one, the second word is its as well.
+  if (offset.x >= 0) mask[at] = bits >> offset.x;
+  if (offset.x <= 0) mask[at + 1u] = offset.x < 0 ? bits << -offset.x : 0u;
 }
 
 void main() {
-  uint feature = gl_WorkGroupID.x, level = gl_WorkGroupID.y, reference = push.first_reference + gl_WorkGroupID.z;
-  uint lane = gl_LocalInvocationIndex;
+  uint reference = push.first_reference + gl_WorkGroupID.y;
+  uint index = gl_GlobalInvocationID.x / ICLK_BLOCK;
+  if (index >= references[reference].tile_count) return;
+  uvec4 tile = tiles[reference * push.tile_stride + index];
+  uint level = tile.y, first = reference * push.entry_stride + tile.z, count = tile.w, last = first + count - 1u;
   LevelInfo info = levels[level];
-  uint count = references[reference].feature_count;
-  float scale = 1.0 / float(1u << level);
-  float q = features[reference * push.max_features + feature].z;
-  bool alive = feature < count && q > 0.0;
+  Row row;
+  row.first = (ivec2(tile.x & 0xffffu, tile.x >> 16) - 1) * ICLK_BLOCK + ivec2(0, gl_GlobalInvocationID.x % ICLK_BLOCK);
+  row.scale = 1.0 / float(1u << level);
+  row.features_at = reference * push.max_features;
+  row.elements_at = reference * push.element_stride + info.element_offset;
 
-  vec2 c = centre(reference, feature, scale);
-  ivec2 first = ivec2(floor(c)) - ICLK_PATCH_BEFORE;
-  ivec2 pixel = first + ivec2(lane % ICLK_PATCH, lane / ICLK_PATCH);
-  bool mine = alive && all(greaterThanEqual(pixel, ivec2(0))) && pixel.x < int(info.width) && pixel.y < int(info.height);
-  vec2 d = vec2(pixel) - c;
-  precise float distance2 = d.x * d.x + d.y * d.y;
-
-  // The list of neighbours is worked off in chunks, so that any number of features fits into shared memory.
-  for (uint base = 0u; base < count; base += ICLK_PATCH_AREA) {
-    if (lane == 0u) neighbour_count = 0u;
-    barrier();
-    uint other = base + lane;
-    if (other < count && other != feature && features[reference * push.max_features + other].z > 0.0) {
-      ivec2 offset = ivec2(floor(centre(reference, other, scale))) - ICLK_PATCH_BEFORE - first;
-      if (all(lessThan(abs(offset), ivec2(ICLK_PATCH)))) neighbours[atomicAdd(neighbour_count, 1u)] = other;
-    }
-    barrier();
-    uint n = neighbour_count;
-    for (uint i = 0u; i < n; ++i) {
-      uint j = neighbours[i];
-      vec2 cj = centre(reference, j, scale);
-      ivec2 inside = pixel - (ivec2(floor(cj)) - ICLK_PATCH_BEFORE);
-      vec2 dj = vec2(pixel) - cj;
-      precise float theirs = dj.x * dj.x + dj.y * dj.y;
-      bool covered = all(greaterThanEqual(inside, ivec2(0))) && all(lessThan(inside, ivec2(ICLK_PATCH)));
-      if (covered && (theirs < distance2 || (theirs == distance2 && j < feature))) mine = false;
-    }
-    barrier();
+  bool in_image = row.first.y >= 0 && row.first.y < int(info.height);
+  [[unroll]] for (int i = 0; i < ICLK_BLOCK; ++i) {
+    int u = row.first.x + i;
+    owner[i] = NOBODY;
+    least[i] = in_image && u >= 0 && u < int(info.width) ? 1e30 : -1.0;
   }
-  mask[reference * push.element_stride + info.element_offset + feature * ICLK_PATCH_AREA + lane] = mine ? q : 0.0;
+  const uint step = CROWDED ? 4u : 1u;
+  for (uint k = first; k <= last; k += step) {
+    claim(row, entries[k]);
+    if (CROWDED) {
+      claim(row, entries[min(k + 1u, last)]);
+      claim(row, entries[min(k + 2u, last)]);
+      claim(row, entries[min(k + 3u, last)]);
+    }
+  }
+  for (uint k = first; k <= last; k += step) {
+    tell(row, entries[k]);
+    if (CROWDED) {
+      tell(row, entries[min(k + 1u, last)]);
+      tell(row, entries[min(k + 2u, last)]);
+      tell(row, entries[min(k + 3u, last)]);
+    }
+  }
 }

@@ -15,9 +15,9 @@ void clear_sums() {
 }
 
 // J = gu ju + gv jv, align/internal/jacobian.h, as its first four and its last two entries.
-void jacobian(LevelCamera camera, vec4 a, vec2 gradient, out vec4 lo, out vec2 hi) {
-  vec2 g = gradient * vec2(camera.fx, camera.fy);
-  float x = (a.x - camera.cx) / camera.fx, y = (a.y - camera.cy) / camera.fy;
+void jacobian(View view, vec4 a, vec2 gradient, out vec4 lo, out vec2 hi) {
+  vec2 g = gradient * vec2(view.camera.fx, view.camera.fy);
+  float x = (a.x - view.camera.cx) / view.camera.fx, y = (a.y - view.camera.cy) / view.camera.fy;
   float gxy = g.x * x + g.y * y;
   lo = vec4(g.x * a.z, g.y * a.z, -a.z * gxy, -(y * gxy + g.y));
   hi = vec2(x * gxy + g.x, g.y * x - g.x * y);
@@ -33,22 +33,23 @@ void add_element(View view, int k) {
 
   vec4 lo;
   vec2 turn;
-  jacobian(view.camera, a, gradient, lo, turn);
+  jacobian(view, a, gradient, lo, turn);
   vec4 hi = vec4(turn, a.w, 1.0);
 
   vec4 wlo = w * lo, whi = w * hi;
+  // Symmetric blocks: the upper triangle only, see complete_sums().
   sums[0] += wlo.x * lo;
-  sums[1] += wlo.y * lo;
-  sums[2] += wlo.z * lo;
-  sums[3] += wlo.w * lo;
+  sums[1].yzw += wlo.y * lo.yzw;
+  sums[2].zw += wlo.z * lo.zw;
+  sums[3].w += wlo.w * lo.w;
   sums[4] += wlo.x * hi;
   sums[5] += wlo.y * hi;
   sums[6] += wlo.z * hi;
   sums[7] += wlo.w * hi;
   sums[8] += whi.x * hi;
-  sums[9] += whi.y * hi;
-  sums[10] += whi.z * hi;
-  sums[11] += whi.w * hi;
+  sums[9].yzw += whi.y * hi.yzw;
+  sums[10].zw += whi.z * hi.zw;
+  sums[11].w += whi.w;
   sums[12] += r * wlo;
   sums[13] += r * whi;
   sums[14] += vec4(w * r * r, visible ? 1.0 : 0.0, a.z > 0.0 ? 1.0 : 0.0, 0.0);
@@ -60,9 +61,15 @@ void add_element(View view, int k) {
   to[at + 8u] = sums[8]; to[at + 9u] = sums[9]; to[at + 10u] = sums[10]; to[at + 11u] = sums[11];     \
   to[at + 12u] = sums[12]; to[at + 13u] = sums[13]; to[at + 14u] = sums[14];
 
+void complete_sums() {
+  sums[1].x = sums[0].y; sums[2].xy = vec2(sums[0].z, sums[1].z); sums[3].xyz = vec3(sums[0].w, sums[1].w, sums[2].w);
+  sums[9].x = sums[8].y; sums[10].xy = vec2(sums[8].z, sums[9].z); sums[11].xyz = vec3(sums[8].w, sums[9].w, sums[10].w);
+}
+
 // Lanes beyond ICLK_FOLD add theirs in rounds, then every component is summed over the lanes left, always in the same order.
 // Afterwards `sums` of every lane holds the workgroup's total. All lanes must call it.
 void reduce_sums() {
+  complete_sums();
   uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;
   uint slot = (lane % ICLK_FOLD) * ICLK_SUM_VECTORS;
   uint round = lane / ICLK_FOLD, rounds = (lanes + ICLK_FOLD - 1u) / ICLK_FOLD;

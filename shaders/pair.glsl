@@ -10,7 +10,7 @@ View view_of(uint pair) {
   view.map_base = int(pair * push.map_stride + info.map_offset);
   view.pitch = int(info.pitch);
   view.weight_base = int(pair * push.weight_stride);
-  view.unit_weights = (push.flags & ICLK_FLAG_UNIT_WEIGHTS) != 0u;
+  view.unit_weights = !WEIGHTED || (push.flags & ICLK_FLAG_UNIT_WEIGHTS) != 0u;
   return view;
 }
 

@@ -1,6 +1,9 @@
 // Residual of one element (align/internal/normal_equations.h: residuals). Needs level.glsl, se3.glsl and the bindings
 //   template_a, template_b, maps1 (samplerBuffer), weights[] of the including shader.
 
+// False: no evaluation of this aligner has weights. A flag is not enough: lavapipe runs both sides of a branch.
+layout(constant_id = 3) const bool WEIGHTED = true;
+
 // Everything that the elements of a pair share.
 struct View {
   LevelCamera camera;

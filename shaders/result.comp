@@ -158,11 +158,11 @@ void main() {
     return;
   }
   vec4 total[2 * ICLK_MATRIX_VECTORS];
-  [[unroll]] for (uint i = 0u; i < 2u * ICLK_MATRIX_VECTORS; ++i) total[i] = vec4(0.0);
+  [[unroll]] for (uint i = 0u; i < uint(ICLK_SUM_VECTORS); ++i) total[i] = vec4(0.0);
   for (uint g = 0u; g < push.groups; ++g)  // the outer loop: lavapipe counts the turns of nested ones together
-    [[unroll]] for (uint i = 0u; i < 2u * ICLK_MATRIX_VECTORS; ++i)
+    [[unroll]] for (uint i = 0u; i < uint(ICLK_SUM_VECTORS); ++i)
       total[i] += parts[(pair * push.groups + g) * ICLK_SUM_VECTORS + i];
-  [[unroll]] for (uint i = 0u; i < 2u * ICLK_MATRIX_VECTORS; ++i) {
+  [[unroll]] for (uint i = 0u; i < uint(ICLK_SUM_VECTORS); ++i) {
     states[pair].agreement[4u * i] = total[i].x;
     states[pair].agreement[4u * i + 1u] = total[i].y;
     states[pair].agreement[4u * i + 2u] = total[i].z;

@@ -60,7 +60,7 @@ using uint = uint32_t;
 struct LevelInfo {
   uint width, height;
   uint pitch;           // floats from a row of a map to the next
-  uint map_offset;      // floats from the start of an image's maps to this level
+  uint map_offset;      // floats from the start of an image's maps to this level; 0 where level 0 lies in the pixels
   uint element_offset;  // elements from the start of a reference's template to this level
   uint element_count;   // of this level: 64 a feature, or one a pixel in dense mode
 };
@@ -69,12 +69,20 @@ struct LevelInfo {
 struct ReferenceInfo {
   float fx, fy, cx, cy;  // of level 0
   float mean_inverse_depth;
-  uint feature_count;
+  uint tile_count;  // MaskTiles
 };
 
 // A feature: pixel of level 0 and inverse depth, 0 = takes no part.
 struct FeatureInfo {
   float u, v, inverse_depth, unused;
+};
+
+// An 8x8 pixel block of a level that patches reach into, and the features whose patches do: entries first .. first + count - 1
+// of the reference's list, in ascending order. Each feature is in the list of every block that holds a pixel of its patch.
+struct MaskTile {
+  uint corner;  // (x + 1) | (y + 1) << 16, in blocks: patches of a coarse level hang over the border by less than one
+  uint level;
+  uint first, count;
 };
 
 // What the host says of a pair. Poses are 3x4, row-major: R | t.
@@ -95,9 +103,9 @@ struct PairInfo {
 #define ICLK_SUM_VECTORS 15
 #define ICLK_SUM_FLOATS 60
 
-// The sums of agreement.comp, in as many vec4: two symmetric 6x6 matrices M, cross and target, of 7 vec4 each:
-//   0..3  M[i][0..3] for i = 0..3     4, 5, 6  (M[i][4], M[i][5], M[i+1][4], M[i+1][5]) for i = 0, 2, 4     and 14 unused
-#define ICLK_MATRIX_VECTORS 7
+// The sums of agreement.comp, in as many vec4: two symmetric 6x6 matrices M, cross from 0 and target from 8:
+//   0..3  M[i][0..3] for i = 0..3     4, 5, 6  (M[i][4], M[i][5], M[i+1][4], M[i+1][5]) for i = 0, 2, 4     7 unused
+#define ICLK_MATRIX_VECTORS 8
 
 // What the device solver keeps of a pair from one step to the next, and leaves for the host to read.
 struct PairState {
@@ -147,7 +155,8 @@ struct ResultPush {
 #define ICLK_LEAST_SIGMA (1.0 / 510.0)  // residuals cannot be known to be better: rounding to 8 bits and some noise
 
 struct PyramidPush {
-  uint width, height;  // of level 0
+  uint height;                                  // of level 0
+  uint offset_0, offset_1, offset_2, offset_3;  // LevelInfo::map_offset
   uint blocks_x;
   uint pixel_stride;  // 32-bit words from an image to the next
   uint map_stride;    // floats from an image's maps to the next
@@ -164,6 +173,8 @@ struct MaskPush {
   uint first_reference;
   uint max_features;
   uint element_stride;  // elements from a reference's template to the next
+  uint tile_stride;     // MaskTiles from a reference to the next
+  uint entry_stride;    // entries of MaskTiles from a reference to the next
 };
 
 struct JacobianPush {
@@ -211,7 +222,8 @@ struct AlignedInfo {
 };
 
 struct FeatureAlignmentPush {
-  uint map_stride;
+  uint fine_stride;  // texels from an image's level 0 to the next
+  uint map_stride;   // the same of the other levels
   uint level_count;
   uint iterations;
   uint coarse_start;  // iclk::CoarseStart

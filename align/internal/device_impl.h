@@ -3,6 +3,7 @@
 #include <iclk/align/internal/input.h>
 #include <iclk/align/internal/lm.h>
 #include <iclk/align/internal/stages.h>
+#include <iclk/align/internal/tiles.h>
 #include <iclk/engine/submission.h>
 
 namespace iclk {
@@ -36,6 +37,7 @@ struct DeviceAligner::Impl {
   engine::Submission submission;
   std::unique_ptr<engine::StageTimer> timer;
   std::vector<Slot> slots;
+  internal::TileLists tiles;
   std::vector<engine::StageTime> no_times;
 
   internal::Stages stages() const { return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run}; }

@@ -32,11 +32,12 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                  const WorkgroupSizes& sizes) {
   using enum engine::BindingKind;
   using namespace shaders;
-  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive;
+  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive,
+                 weighted = options.robust != Robust::unit;
   pyramid = {context,
              {"pyramid",
               pyramid_comp_spv,
-              {storage_read, storage_read, storage_write},
+              {storage_read, storage_write},
               sizeof(PyramidPush),
               {sizes.map, shader_format(plan.format), static_cast<uint32_t>(options.levels)}}};
   halve = {context, {"pyramid", halve_comp_spv, {storage_read, storage_read_write}, sizeof(HalvePush), {sizes.map}}};
@@ -44,7 +45,12 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
     inverse_depth = {context,
                      {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}}};
   else
-    mask = {context, {"mask", mask_comp_spv, {storage_read, storage_read, storage_read, storage_write}, sizeof(MaskPush), {}}};
+    mask = {context,
+            {"mask",
+             mask_comp_spv,
+             {storage_read, storage_read, storage_read, storage_read, storage_read, storage_write},
+             sizeof(MaskPush),
+             {sizes.map, plan.max_features > 32767}}};
   jacobian = {context,
               {"jacobian",
                jacobian_comp_spv,
@@ -72,7 +78,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                        {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
                         storage_read, storage_write},
                        sizeof(IteratePush),
-                       {sizes.iterate}}};
+                       {sizes.iterate, photometric, adaptive, weighted}}};
   lm_step = {context,
              {"lm_step",
               lm_step_comp_spv,
@@ -85,14 +91,14 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read_write,
                storage_write},
               sizeof(IteratePush),
-              {sizes.iterate, photometric, adaptive}}};
+              {sizes.iterate, photometric, adaptive, weighted}}};
   agreement = {context,
                {"agreement",
                 agreement_comp_spv,
                 {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
                  storage_write},
                 sizeof(IteratePush),
-                {sizes.iterate}}};
+                {sizes.iterate, photometric, adaptive, weighted}}};
   result = {context,
             {"result",
              result_comp_spv,

@@ -17,6 +17,8 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options) {
   blocks_x = (width + ICLK_BLOCK - 1) / ICLK_BLOCK;
   blocks_y = (height + ICLK_BLOCK - 1) / ICLK_BLOCK;
   pixel_words = static_cast<uint32_t>(static_cast<uint64_t>(row_pixels()) * height * bytes_per_pixel(plan.format) / 4);
+  // A copy of level 0 as floats would be most of what the pyramid writes, and would say nothing new.
+  level0_in_pixels = plan.format == PixelFormat::r8 || plan.format == PixelFormat::r32f;
   for (int l = 0; l < options.levels; ++l) {
     shaders::LevelInfo info{};
     info.width = width >> l;
@@ -24,14 +26,27 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options) {
     // Levels of the fused pyramid kernel are written in whole blocks; all begin at a vec4.
     info.pitch = l < ICLK_FUSED_LEVELS ? row_pixels() >> l : info.width;
     info.map_offset = map_stride;
-    map_stride += round_up(info.pitch * info.height, 4);
+    if (l > 0 || !level0_in_pixels) map_stride += round_up(info.pitch * info.height, 4);
     info.element_offset = element_stride;
     info.element_count = plan.dense ? info.width * info.height : static_cast<uint32_t>(plan.max_features) * ICLK_PATCH_AREA;
     element_stride += info.element_count;
     weight_stride = std::max(weight_stride, info.element_count);
+    if (!plan.dense) {
+      const BlockLattice blocks = lattice(info);
+      const auto reached = 4 * static_cast<uint64_t>(plan.max_features);  // each patch reaches into four at most
+      tile_stride += static_cast<uint32_t>(std::min(reached, static_cast<uint64_t>(blocks.columns) * blocks.rows));
+      entry_stride += static_cast<uint32_t>(reached);
+    }
     levels.push_back(info);
   }
+  map_stride = std::max(map_stride, 4u);  // no map at all is no buffer
   trace_stride = static_cast<uint32_t>(options.levels * options.iterations);
+}
+
+BlockLattice lattice(const shaders::LevelInfo& level) {
+  // A patch of level 0 lies in the image. At level l its last pixel is width + 4 at most: (width << l) is up to 2^l - 1 short.
+  const auto blocks = [](uint32_t pixels) { return (pixels + 4) / ICLK_BLOCK + 2; };
+  return {blocks(level.width), blocks(level.height)};
 }
 
 int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDeviceLimits& limits) {
@@ -43,15 +58,16 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
                                             std::to_string(limit) + "; use a smaller image or the CPU solver");
   };
   const uint64_t map = 4ull * layout.map_stride, pixels = 4ull * layout.pixel_words, weights = 4ull * layout.weight_stride;
+  const uint64_t level0 = layout.level_stride(0);
   if (map > range || layout.map_stride > texels) refuse("the pyramid", map, std::min(range, 4 * texels));
-  if (pixels > range) refuse("the pixel buffer", pixels, range);
+  if (pixels > range || level0 > texels) refuse("the pixel buffer", pixels, std::min(range, pixels / level0 * texels));
   const uint64_t elements = 16ull * layout.element_stride;
   if (elements > range) refuse("the template", elements, range);
-  uint64_t pairs = std::min({range / map, texels / layout.map_stride, range / pixels, range / weights,
+  uint64_t pairs = std::min({range / map, texels / layout.map_stride, texels / level0, range / pixels, range / weights,
                              static_cast<uint64_t>(limits.maxComputeWorkGroupCount[1]),
                              static_cast<uint64_t>(limits.maxComputeWorkGroupCount[2])});
   // Shaders index with 32-bit integers, partly signed.
-  pairs = std::min(pairs, uint64_t{0x7fffffff} / std::max(layout.map_stride, layout.weight_stride));
+  pairs = std::min(pairs, uint64_t{0x7fffffff} / std::max({layout.map_stride, layout.level_stride(0), layout.weight_stride}));
   return static_cast<int>(std::min<uint64_t>(pairs, static_cast<uint64_t>(plan.max_pairs)));
 }
 

@@ -16,12 +16,25 @@ struct Layout {
   uint32_t blocks_x = 0, blocks_y = 0;     // 8x8 blocks that cover an image
   uint32_t pixel_words = 0;                // 32-bit words of an image's raw pixels
   uint32_t map_stride = 0;                 // floats of an image's maps
+  bool level0_in_pixels = false;           // level 0 is no map: kernels read the raw pixels through a texel view
   uint32_t element_stride = 0;             // elements of a reference's template, all levels
   uint32_t weight_stride = 0;              // elements of the level that has most
   uint32_t trace_stride = 0;               // entries of a pair
+  uint32_t tile_stride = 0;                // mask tiles of a reference at most, all levels
+  uint32_t entry_stride = 0;               // their entries
 
   uint32_t row_pixels() const { return blocks_x * ICLK_BLOCK; }
+  /// Texels from an image to the next, in the buffer that holds this level.
+  uint32_t level_stride(int level) const {
+    return level == 0 && level0_in_pixels ? row_pixels() * levels[0].height : map_stride;
+  }
 };
+
+/// The 8x8 blocks of a level that patches can reach into: from the one before the image, as patches hang over its border.
+struct BlockLattice {
+  uint32_t columns, rows;
+};
+BlockLattice lattice(const shaders::LevelInfo& level);
 
 /// How many pairs of a plan one batch can hold on a device: as many as its largest buffer may have, at most plan.max_pairs.
 /// Throws Error(unsupported) with the numbers if not even one fits.

@@ -20,14 +20,21 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   references = plan.add("references", sizeof(shaders::ReferenceInfo) * references_n, MemoryKind::upload, storage);
   features = plan.add("features", sizeof(shaders::FeatureInfo) * references_n * static_cast<uint64_t>(p.max_features),
                       MemoryKind::upload, storage);
+  const uint64_t tiles_n = p.dense ? 1 : layout.tile_stride * references_n,
+                 entries_n = p.dense ? 1 : layout.entry_stride * references_n;
+  tiles = plan.add("mask tiles", sizeof(shaders::MaskTile) * tiles_n, MemoryKind::upload, storage);
+  entries = plan.add("mask tile entries", 4 * entries_n, MemoryKind::upload, storage);
   const uint64_t image_bytes = 4ull * layout.pixel_words;
-  pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, storage);
-  pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, storage);
+  const auto pixels = layout.level0_in_pixels ? texels : storage;
+  const VkFormat pixel_format = p.format == PixelFormat::r8 ? VK_FORMAT_R8_UNORM : VK_FORMAT_R32_SFLOAT;
+  pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, pixels, pixel_format);
+  pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, pixels, pixel_format);
   const uint64_t map_bytes = 4ull * layout.map_stride;
   maps0 = plan.add("reference maps", map_bytes * references_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   maps1 = plan.add("target maps", map_bytes * pairs_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   const uint64_t elements = layout.element_stride * references_n;
-  mask = plan.add("mask", 4 * elements, MemoryKind::device, storage);
+  // Dense mode: an inverse depth an element; sparse mode: two words a row of a patch.
+  mask = plan.add("mask", p.dense ? 4 * elements : 8 * (elements / ICLK_PATCH), MemoryKind::device, storage);
   template_a = plan.add("template", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   template_b = plan.add("template gradients", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   const bool weighted = options.robust != Robust::unit;
@@ -72,12 +79,13 @@ engine::ArenaSize Stages::arena_size(const Kernels& k) {
   size.add(k.halve, 2);
   if (k.mask) size.add(k.mask);
   if (k.inverse_depth) size.add(k.inverse_depth);
-  size.add(k.jacobian);
-  if (k.residual) size.add(k.residual);
+  // Twice where level 0 may lie in another buffer than the levels beyond.
+  size.add(k.jacobian, 2);
+  if (k.residual) size.add(k.residual, 2);
   if (k.weights) size.add(k.weights);
-  size.add(k.normal_equations);
+  size.add(k.normal_equations, 2);
   size.add(k.lm_step);
-  size.add(k.iterate);
+  size.add(k.iterate, 2);
   size.add(k.agreement);
   size.add(k.result);
   return size;
@@ -86,14 +94,18 @@ engine::ArenaSize Stages::arena_size(const Kernels& k) {
 void Stages::pyramid(Recorder& recorder, const Buffer& pixels, const Buffer& maps, uint32_t first, uint32_t count) const {
   recorder.stage("pyramid");
   shaders::PyramidPush p{};
-  p.width = layout.levels[0].width;
+  const auto offset = [&](size_t level) { return level < layout.levels.size() ? layout.levels[level].map_offset : 0; };
   p.height = layout.levels[0].height;
+  p.offset_0 = offset(0);
+  p.offset_1 = offset(1);
+  p.offset_2 = offset(2);
+  p.offset_3 = offset(3);
   p.blocks_x = layout.blocks_x;
   p.pixel_stride = layout.pixel_words;
   p.map_stride = layout.map_stride;
   p.first_image = first;
-  recorder.dispatch(kernels.pyramid, {&at(ids.levels), &pixels, &maps}, p,
-                    {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
+  if (layout.levels.size() > 1 || !layout.level0_in_pixels)
+    recorder.dispatch(kernels.pyramid, {&pixels, &maps}, p, {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
   for (size_t l = ICLK_FUSED_LEVELS; l < layout.levels.size(); ++l)
     recorder.dispatch(kernels.halve, {&at(ids.levels), &maps},
                       shaders::HalvePush{static_cast<uint32_t>(l), layout.map_stride, first},
@@ -106,22 +118,30 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
   const auto max_features = static_cast<uint32_t>(plan.max_features);
   const auto levels_n = static_cast<uint32_t>(layout.levels.size());
   const auto level_push = [&](uint32_t level) {
-    return shaders::JacobianPush{level, first, max_features, layout.element_stride, layout.map_stride};
+    return shaders::JacobianPush{level, first, max_features, layout.element_stride,
+                                 layout.level_stride(static_cast<int>(level))};
   };
   if (plan.dense) {
     for (uint32_t l = 0; l < levels_n; ++l)
       recorder.dispatch(kernels.inverse_depth, {&at(ids.levels), &at(ids.mask)}, level_push(l),
                         {groups_for(layout.levels[l].element_count, sizes.map), 1, count});
   } else {
-    recorder.dispatch(kernels.mask, {&at(ids.levels), &at(ids.references), &at(ids.features), &at(ids.mask)},
-                      shaders::MaskPush{first, max_features, layout.element_stride}, {max_features, levels_n, count});
+    recorder.dispatch(
+        kernels.mask,
+        {&at(ids.levels), &at(ids.references), &at(ids.features), &at(ids.tiles), &at(ids.entries), &at(ids.mask)},
+        shaders::MaskPush{first, max_features, layout.element_stride, layout.tile_stride, layout.entry_stride},
+        {groups_for(layout.tile_stride * ICLK_BLOCK, sizes.map), count, 1});
   }
   recorder.stage("jacobian");
-  for (uint32_t l = 0; l < levels_n; ++l)
-    recorder.dispatch(
-        kernels.jacobian,
-        {&at(ids.levels), &at(ids.features), &at(ids.mask), &at(ids.maps0), &at(ids.template_a), &at(ids.template_b)},
-        level_push(l), {groups_for(layout.levels[l].element_count, sizes.map), 1, count});
+  // Patches are as many at every level, so that one dispatch serves all levels of a buffer; pixels are not.
+  for (uint32_t l = 0, n = 1; l < levels_n; l += n) {
+    n = plan.dense || (l == 0 && layout.level0_in_pixels) ? 1 : levels_n - l;
+    recorder.dispatch(kernels.jacobian,
+                      {&at(ids.levels), &at(ids.features), &at(ids.mask), &map0(static_cast<int>(l)), &at(ids.template_a),
+                       &at(ids.template_b)},
+                      level_push(l),
+                      {groups_for(layout.levels[l].element_count / (plan.dense ? 1 : ICLK_PATCH), sizes.map), n, count});
+  }
 }
 
 void Stages::targets(Recorder& recorder, uint32_t count) const { pyramid(recorder, at(ids.pixels1), at(ids.maps1), 0, count); }
@@ -130,7 +150,7 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
   shaders::IteratePush p{};
   p.level = static_cast<uint32_t>(level);
   p.element_stride = layout.element_stride;
-  p.map_stride = layout.map_stride;
+  p.map_stride = layout.level_stride(level);
   p.weight_stride = layout.weight_stride;
   p.iterations = iterations;
   p.group_elements = sizes.group_elements;
@@ -149,7 +169,7 @@ void Stages::weights(Recorder& recorder, int level, uint32_t pairs, uint32_t fla
   recorder.stage("residual");
   recorder.dispatch(kernels.residual,
                     {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                     &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &at(ids.residuals)},
+                     &map1(level), &at(ids.weights), &run[run_ids.states], &at(ids.residuals)},
                     p, {groups_for(layout.levels[static_cast<size_t>(level)].element_count, sizes.map), pairs, 1});
   recorder.stage("weights");
   recorder.dispatch(kernels.weights,
@@ -161,7 +181,7 @@ void Stages::normal_equations(Recorder& recorder, int level, uint32_t pairs, uin
   recorder.stage("normal_equations");
   recorder.dispatch(kernels.normal_equations,
                     {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                     &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &at(ids.parts)},
+                     &map1(level), &at(ids.weights), &run[run_ids.states], &at(ids.parts)},
                     push(level, iteration, flags), {partial_groups(layout, sizes, level), pairs, 1});
 }
 
@@ -169,7 +189,7 @@ void Stages::agreement(Recorder& recorder, uint32_t pairs, uint32_t flags) const
   recorder.stage("agreement");
   recorder.dispatch(kernels.agreement,
                     {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                     &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &at(ids.parts)},
+                     &map1(0), &at(ids.weights), &run[run_ids.states], &at(ids.parts)},
                     push(0, 0, flags), {partial_groups(layout, sizes, 0), pairs, 1});
 }
 
@@ -178,7 +198,7 @@ void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t ite
     recorder.stage("iterate");
     recorder.dispatch(kernels.iterate,
                       {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                       &at(ids.maps1), &at(ids.weights), &run[run_ids.states], &run[run_ids.trace]},
+                       &map1(level), &at(ids.weights), &run[run_ids.states], &run[run_ids.trace]},
                       push(level, iterations, flags), {pairs, 1, 1});
     return;
   }

@@ -16,8 +16,8 @@ struct AlignerBuffers {
                  const WorkgroupSizes& sizes, bool unified_memory, int batch);
 
   engine::MemoryPlan plan;
-  engine::BufferId levels, references, features, pixels0, pixels1, maps0, maps1, mask, template_a, template_b, weights,
-      residuals, parts;
+  engine::BufferId levels, references, features, tiles, entries, pixels0, pixels1, maps0, maps1, mask, template_a, template_b,
+      weights, residuals, parts;
   std::optional<engine::BufferId> staging0, staging1, staging_depth;  // where device memory cannot be mapped
 };
 
@@ -59,6 +59,10 @@ struct Stages {
   void align(engine::Recorder& recorder, uint32_t pairs) const;
   /// Makes states and trace readable for the host.
   void read_back(engine::Recorder& recorder, uint32_t pairs) const;
+
+  /// Where a level of the references or of the targets lies.
+  const engine::Buffer& map0(int level) const { return at(level == 0 && layout.level0_in_pixels ? ids.pixels0 : ids.maps0); }
+  const engine::Buffer& map1(int level) const { return at(level == 0 && layout.level0_in_pixels ? ids.pixels1 : ids.maps1); }
 
   /// Room in a descriptor arena for one recording.
   static engine::ArenaSize arena_size(const Kernels& kernels);

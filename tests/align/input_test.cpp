@@ -248,7 +248,7 @@ INSTANTIATE_TEST_SUITE_P(All, Input, testing::Values(Way::cpu, Way::host, Way::d
 
 class TenThousand : public Solvers {};
 
-// The mask's work grows with the square of the features that overlap, so the levels are few and the image is not small.
+// Few levels and iterations for the sake of the suite's time; mask_test.cpp has the default ones.
 TEST_P(TenThousand, Features) {
   Relief scene;
   scene.camera = {520, 520, 319.5, 239.5, 640, 480};

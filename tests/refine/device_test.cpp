@@ -40,13 +40,14 @@ struct Both {
   std::unique_ptr<CpuAligner> cpu;
   std::unique_ptr<DeviceAligner> device;
 
-  Both(std::vector<Scene> s, int levels, Features f) : scenes(std::move(s)), features(std::move(f)) {
+  Both(std::vector<Scene> s, int levels, Features f, PixelFormat format = PixelFormat::r32f)
+      : scenes(std::move(s)), features(std::move(f)) {
     plan.width = scenes[0].camera.width;
     plan.height = scenes[0].camera.height;
     plan.max_references = 2;
     plan.max_pairs = static_cast<int>(scenes.size());
     plan.max_features = std::max(1, features.size());
-    plan.format = PixelFormat::r32f;
+    plan.format = format;
     options.levels = levels;
     cpu = std::make_unique<CpuAligner>(plan, options);
     device = std::make_unique<DeviceAligner>(test::device(), plan, options, Solver::device);
@@ -130,6 +131,22 @@ TEST(RefineDevice, ShaderAgreesWithTheCpuReference) {
         EXPECT_GT(count_aligned(device[0]), 120);
       }
     }
+}
+
+// The plan above has one channel, and level 0 is its pixels; colour has a map of its own for it.
+TEST(RefineDevice, ColourPlansAgreeWithTheCpuReference) {
+  ICLK_NEED_DEVICE();
+  const std::vector<Scene> scenes{scene_of(376, 240, 0.03), scene_of(376, 240, 0.3)};
+  Both both(scenes, 4, test::random_features(scenes[0], 100, 4, 8), PixelFormat::rgba32f);
+  FeatureAlignmentOptions options;
+  options.coarse_start = CoarseStart::always;
+  const auto tasks = both.tasks(1.5);
+  const auto cpu = make_feature_aligner(*both.cpu, options)->align(tasks);
+  const auto device = make_feature_aligner(*both.device, options)->align(tasks);
+  for (size_t i = 0; i < scenes.size(); ++i) {
+    expect_alike(cpu[i], device[i]);
+    EXPECT_GT(count_aligned(device[i]), 60);
+  }
 }
 
 TEST(RefineDevice, SmallImagesOddSizesAndOneLevel) {
