@@ -44,8 +44,8 @@ void run_align(const AlignOptions& options, int& exit) {
   pair.T_10 = start;
   pair.truth = truth;
   if (options.files.features.empty() && pair.features.size() < options.load.features.count)
-    spdlog::warn("found {} features, not {}: they need depth, texture and {} px to the border", pair.features.size(),
-                 options.load.features.count, options.load.features.border);
+    spdlog::warn("found {} features, not {}: they need depth, texture and distance to the border and to each other",
+                 pair.features.size(), options.load.features.count);
   Session session(session_options);
   report_device(session);
   const RefinedAlignment result = session.run(pair);
