@@ -23,11 +23,11 @@ const char* const kFooter =
     "'tx ty tz qx qy qz qw' (a timestamp before it is ignored) or a 4x4 matrix row by row, as text or in a file.\n"
     "\n"
     "Examples:\n"
-    "  iclk align rgb/a.png rgb/b.png --depth depth/a.png --depth-scale 5000 --camera 517.3,516.5,318.6,255.3 --out result\n"
-    "  iclk align a.png b.png --depth a.exr --camera camera.txt --truth '0.01 0 0 0 0 0 1'\n"
+    "  iclk align a.png b.png --depth a_depth.png --depth-scale 5000 --camera 517.3,516.5,318.6,255.3 --out result\n"
+    "  iclk align a.png b.png --depth a_depth.exr --camera camera.txt --truth '0.01 0 0 0 0 0 1'\n"
     "  iclk align a.png b.png --features points.csv --camera camchain.yaml --json > result.json\n"
-    "  iclk align a.png b.png --depth a.tiff --camera 400,400,320,240 --distortion radtan:0.26,-0.95,-0.005,0.003,1.16\n"
-    "  iclk align a.png b.png --depth a.png --depth-scale 1000 --camera calibration.yaml --solver cpu --count 200\n"
+    "  iclk align a.png b.png --depth a_depth.tiff --camera camera.txt --distortion radtan:0.26,-0.95,-0.005,0.003,1.16\n"
+    "  iclk align a.png b.png --depth a_depth.png --depth-scale 1000 --camera calibration.yaml --solver cpu --count 200\n"
     "\n";
 
 void run_align(const AlignOptions& options, int& exit) {

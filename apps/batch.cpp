@@ -52,9 +52,9 @@ const char* const kFooter =
     "\n"
     "Examples:\n"
     "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl\n"
-    "  iclk batch pairs.jsonl --camera 517.3,516.5,318.6,255.3 --depth-scale 5000 --batch 64 --out results.jsonl\n"
-    "  iclk batch pairs.jsonl --shard 0/4 --out results.0.jsonl        one of four machines; then 1/4, 2/4, 3/4\n"
-    "  iclk batch pairs.jsonl --retry --out results.jsonl              after mending what was broken\n"
+    "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry           # after mending what was broken\n"
+    "  iclk batch pairs.jsonl --camera camera.txt --out results.0.jsonl --shard 0/4     # one of four machines\n"
+    "  iclk batch pairs.jsonl --camera 517.3,516.5,318.6,255.3 --depth-scale 5000 --batch 64 --out all.jsonl\n"
     "\n"
     "Exit codes: 0 every line has a result and none is an error; 20 every line has a result, some with status \"error\";\n"
     "130 stopped by Ctrl-C, 143 by SIGTERM, after the pairs on the device were written (a second signal leaves at once);\n"
@@ -209,7 +209,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   const int remaining = static_cast<int>(work.lines.size()) - outcome.done;
   std::string summary = tally.text();
   char line[200];
-  std::snprintf(line, sizeof line, "%d pairs in %s", outcome.done, duration_text(outcome.seconds).c_str());
+  std::snprintf(line, sizeof line, "%d pair%s in %s", outcome.done, outcome.done == 1 ? "" : "s",
+                duration_text(outcome.seconds).c_str());
   summary += line;
   if (outcome.done > 0) {
     std::snprintf(line, sizeof line, " (%.2f pairs/s)", outcome.done / std::max(outcome.seconds, 1e-9));
@@ -229,7 +230,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
                     (outcome.lost->code() == ErrorCode::out_of_memory ? "; a smaller --batch needs less memory" : ""));
   const int errors = tally.count("error");
   if (errors > 0 && remaining == 0)
-    spdlog::warn("{} pairs have status \"error\": see \"reason\" in the results; --retry runs them again", errors);
+    spdlog::warn("{} status \"error\": see \"reason\" in the results; --retry runs {} again",
+                 errors == 1 ? "1 pair has" : std::to_string(errors) + " pairs have", errors == 1 ? "it" : "them");
   exit = outcome.stopped ? kStoppedBy + static_cast<int>(g_signal) : errors > 0 ? kSomePairsFailed : kConverged;
 }
 

@@ -50,7 +50,7 @@ void add_devices(CLI::App& app, int& exit) {
       "Examples:\n"
       "  iclk devices\n"
       "  iclk devices --json\n"
-      "  iclk demo --device llvmpipe");
+      "  iclk demo --device 0");
   command->callback([json, &exit] {
     const std::vector<engine::DeviceInfo> devices = engine::list_devices();
     print(*json ? to_json(devices) : to_table(devices));

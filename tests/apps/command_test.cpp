@@ -5,6 +5,9 @@
 
 #include <algorithm>
 #include <csignal>
+#include <cstdlib>
+#include <map>
+#include <sstream>
 
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -76,6 +79,7 @@ TEST_F(Command, UsageErrors) {
     EXPECT_EQ(f.out, "");
     EXPECT_NE(f.err, "");
   }
+  EXPECT_NE(run({"algin"}).err.find("'algin'"), std::string::npos) << "the word that is wrong is named";
 }
 
 TEST_F(Command, HelpShowsDefaultsExamplesAndExitCodes) {
@@ -84,6 +88,37 @@ TEST_F(Command, HelpShowsDefaultsExamplesAndExitCodes) {
   for (const char* piece : {"Examples:", "Exit codes:", "T_10", "shi-tomasi", "--refine-rounds", "--initial-pose"})
     EXPECT_NE(f.out.find(piece), std::string::npos) << piece;
   EXPECT_EQ(run({"--version"}).code, 0);
+}
+
+TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
+  if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
+  const Folder folder;
+  for (const auto& [from, to] : std::map<std::string, std::string>{
+           {"a.png", "a.png"}, {"b.png", "b.png"}, {"d.png", "a_depth.png"}, {"d.exr", "a_depth.exr"}})
+    std::filesystem::copy_file(file(from), folder.path(to));
+  cv::imwrite(folder.path("a_depth.tiff"), cv::imread(file("d.exr"), cv::IMREAD_UNCHANGED));
+  folder.write("camera.txt", "262.4 262.4 159.5 119.5 320 240 5000\n");
+  folder.write("camchain.yaml", "cam0:\n  intrinsics: [262.4, 262.4, 159.5, 119.5]\n  resolution: [320, 240]\n");
+  folder.write("calibration.yaml", "image_width: 320\nimage_height: 240\nK: [262.4, 0, 159.5, 0, 262.4, 119.5, 0, 0, 1]\n");
+  std::string points = "u,v,depth\n";
+  for (int i = 0; i < 60; ++i) points += std::to_string(40 + 24 * (i % 10)) + "," + std::to_string(40 + 30 * (i / 10)) + ",2\n";
+  folder.write("points.csv", points);
+  folder.write("pairs.jsonl", R"({"reference": "a.png", "target": "b.png", "depth": "a_depth.png"})");
+  std::filesystem::create_symlink(ICLK_COMMAND, folder.path("iclk"));
+  int examples = 0;
+  for (const char* command : {"align", "batch", "demo", "devices"}) {
+    std::istringstream help(run({command, "--help"}).out);
+    for (std::string line; std::getline(help, line);) {
+      if (!line.starts_with("  iclk ")) continue;
+      ++examples;
+      const std::string shell = "cd '" + folder.path("") + "' && PATH=.:$PATH && {" + line + "\n} >out 2>err";
+      const int code = WEXITSTATUS(std::system(shell.c_str()));
+      // The lens and scale of some examples are not those of this pair: then another verdict is right.
+      const bool verdict = std::string(command) == "align" && code >= kMaxIterations && code <= kDiverged;
+      EXPECT_TRUE(code == 0 || verdict) << code << ":" << line << "\n" << bytes_of(folder.path("err"));
+    }
+  }
+  EXPECT_GE(examples, 13);
 }
 
 TEST_F(Command, BadInputHasItsCodeAndNamesTheFile) {
@@ -152,8 +187,11 @@ TEST_F(Command, OutputThatCannotBeWritten) {
   EXPECT_EQ(full.code, kIo) << full.err;
   EXPECT_NE(full.err.find("features.png"), std::string::npos) << full.err;
   EXPECT_TRUE(std::filesystem::is_empty(folder.path("out")));
-  const Finished closed = run(align({"--json"}), [] { dup2(open("/dev/full", O_WRONLY), 1); });
-  EXPECT_EQ(closed.code, kIo) << closed.err;
+  for (const std::vector<std::string>& line : {align({"--json"}), align(), {"--help"}, {"align", "--help"}}) {
+    const Finished closed = run(line, [] { dup2(open("/dev/full", O_WRONLY), 1); });
+    EXPECT_EQ(closed.code, kIo) << closed.err;
+    EXPECT_NE(closed.err.find("standard output"), std::string::npos) << closed.err;
+  }
 }
 
 TEST_F(Command, DevicesThatAreNotThere) {
