@@ -69,28 +69,37 @@ void add_align(CLI::App& app, int& exit) {
   auto options = std::make_shared<AlignOptions>();
   command->add_option("REF", options->files.reference, "Reference image I0: grey or colour, 8 or 16 bit or float")
       ->required()
+      ->check(not_empty)
       ->type_name("FILE");
   command->add_option("TARGET", options->files.target, "Target image I1, of the same size and camera")
       ->required()
+      ->check(not_empty)
       ->type_name("FILE");
   command->option_defaults()->group("Input");
   command
       ->add_option("--depth", options->files.depth,
                    "Depth of REF, registered to it: 16-bit PNG with --depth-scale, or 32-bit TIFF or EXR in metres; "
                    "0, negative, NaN and infinite mean none")
+      ->check(not_empty)
       ->type_name("FILE");
   command
       ->add_option("--features", options->files.features,
                    "Features of REF in a CSV file with the header u,v,depth or u,v,inverse_depth "
                    "(optionally sigma, its standard deviation)")
+      ->check(not_empty)
       ->type_name("FILE");
   options->load.add_to(*command, true);
-  command->add_option("--initial-pose", options->initial_pose, "First guess of T_10; default: no motion")->type_name("POSE");
-  command->add_option("--truth", options->truth, "True T_10: adds the error after every stage")->type_name("POSE");
+  command->add_option("--initial-pose", options->initial_pose, "First guess of T_10; default: no motion")
+      ->check(not_empty)
+      ->type_name("POSE");
+  command->add_option("--truth", options->truth, "True T_10: adds the error after every stage")
+      ->check(not_empty)
+      ->type_name("POSE");
   command->option_defaults()->group("Alignment");
   options->run.add_to(*command);
   command->option_defaults()->group("Output");
   command->add_option("--out", options->out, "Folder for result.json, features.png, overlay.png and residual.png")
+      ->check(not_empty)
       ->type_name("DIR");
   command->add_flag("--json", options->json, "The result as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the time went, on standard error");

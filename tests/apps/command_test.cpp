@@ -79,6 +79,11 @@ TEST_F(Command, UsageErrors) {
     EXPECT_EQ(f.out, "");
     EXPECT_NE(f.err, "");
   }
+  for (const char* option : {"--out", "--depth", "--features", "--truth", "--initial-pose"}) {
+    const Finished f = run(align({option, ""}));  // "$OUT" of a script that never set it
+    EXPECT_EQ(f.code, kUsage) << option;
+    EXPECT_NE(f.err.find(option), std::string::npos) << f.err;
+  }
   EXPECT_NE(run({"algin"}).err.find("'algin'"), std::string::npos) << "the word that is wrong is named";
 }
 
