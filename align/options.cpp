@@ -1,6 +1,7 @@
 #include <iclk/align/options.h>
 
 #include <cmath>
+#include <sstream>
 #include <string>
 
 #include <iclk/engine/error.h>
@@ -9,8 +10,10 @@ namespace iclk {
 namespace {
 
 [[noreturn]] void refuse(const std::string& what, double value, const std::string& range) {
-  std::string number = std::to_string(value);
-  throw Error(ErrorCode::invalid_argument, what + " is " + number + ", must be " + range);
+  std::ostringstream number;  // 16, not 16.000000
+  number.imbue(std::locale::classic());
+  number << value;
+  throw Error(ErrorCode::invalid_argument, what + " is " + number.str() + ", must be " + range);
 }
 
 }  // namespace

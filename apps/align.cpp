@@ -23,11 +23,11 @@ const char* const kFooter =
     "'tx ty tz qx qy qz qw' (a timestamp before it is ignored) or a 4x4 matrix row by row, as text or in a file.\n"
     "\n"
     "Examples:\n"
-    "  iclk align rgb/a.png rgb/b.png --depth depth/a.png --depth-scale 5000 --camera 517.3,516.5,318.6,255.3 --out result\n"
-    "  iclk align a.png b.png --depth a.exr --camera camera.txt --truth '0.01 0 0 0 0 0 1'\n"
+    "  iclk align a.png b.png --depth a_depth.png --depth-scale 5000 --camera 517.3,516.5,318.6,255.3 --out result\n"
+    "  iclk align a.png b.png --depth a_depth.exr --camera camera.txt --truth '0.01 0 0 0 0 0 1'\n"
     "  iclk align a.png b.png --features points.csv --camera camchain.yaml --json > result.json\n"
-    "  iclk align a.png b.png --depth a.tiff --camera 400,400,320,240 --distortion radtan:0.26,-0.95,-0.005,0.003,1.16\n"
-    "  iclk align a.png b.png --depth a.png --depth-scale 1000 --camera calibration.yaml --solver cpu --count 200\n"
+    "  iclk align a.png b.png --depth a_depth.tiff --camera camera.txt --distortion radtan:0.26,-0.95,-0.005,0.003,1.16\n"
+    "  iclk align a.png b.png --depth a_depth.png --depth-scale 1000 --camera calibration.yaml --solver cpu --count 200\n"
     "\n";
 
 void run_align(const AlignOptions& options, int& exit) {
@@ -44,8 +44,8 @@ void run_align(const AlignOptions& options, int& exit) {
   pair.T_10 = start;
   pair.truth = truth;
   if (options.files.features.empty() && pair.features.size() < options.load.features.count)
-    spdlog::warn("found {} features, not {}: they need depth, texture and {} px to the border", pair.features.size(),
-                 options.load.features.count, options.load.features.border);
+    spdlog::warn("found {} features, not {}: they need depth, texture and distance to the border and to each other",
+                 pair.features.size(), options.load.features.count);
   Session session(session_options);
   report_device(session);
   const RefinedAlignment result = session.run(pair);
@@ -69,28 +69,37 @@ void add_align(CLI::App& app, int& exit) {
   auto options = std::make_shared<AlignOptions>();
   command->add_option("REF", options->files.reference, "Reference image I0: grey or colour, 8 or 16 bit or float")
       ->required()
+      ->check(not_empty)
       ->type_name("FILE");
   command->add_option("TARGET", options->files.target, "Target image I1, of the same size and camera")
       ->required()
+      ->check(not_empty)
       ->type_name("FILE");
   command->option_defaults()->group("Input");
   command
       ->add_option("--depth", options->files.depth,
                    "Depth of REF, registered to it: 16-bit PNG with --depth-scale, or 32-bit TIFF or EXR in metres; "
                    "0, negative, NaN and infinite mean none")
+      ->check(not_empty)
       ->type_name("FILE");
   command
       ->add_option("--features", options->files.features,
                    "Features of REF in a CSV file with the header u,v,depth or u,v,inverse_depth "
                    "(optionally sigma, its standard deviation)")
+      ->check(not_empty)
       ->type_name("FILE");
   options->load.add_to(*command, true);
-  command->add_option("--initial-pose", options->initial_pose, "First guess of T_10; default: no motion")->type_name("POSE");
-  command->add_option("--truth", options->truth, "True T_10: adds the error after every stage")->type_name("POSE");
+  command->add_option("--initial-pose", options->initial_pose, "First guess of T_10; default: no motion")
+      ->check(not_empty)
+      ->type_name("POSE");
+  command->add_option("--truth", options->truth, "True T_10: adds the error after every stage")
+      ->check(not_empty)
+      ->type_name("POSE");
   command->option_defaults()->group("Alignment");
   options->run.add_to(*command);
   command->option_defaults()->group("Output");
   command->add_option("--out", options->out, "Folder for result.json, features.png, overlay.png and residual.png")
+      ->check(not_empty)
       ->type_name("DIR");
   command->add_flag("--json", options->json, "The result as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the time went, on standard error");

@@ -40,28 +40,27 @@ const char* const kFooter =
     "  meta                           anything; comes back in the result\n"
     "Relative paths begin at the manifest's folder. Blank lines are skipped; any other key is an error.\n"
     "\n"
-    "RESULTS.jsonl begins with a header; then a line a pair, in the order in which they were finished: id, line, key (hash of "
-    "the manifest's\n"
-    "line), status, errors (of T_10, where there is a truth), reason, and the JSON of `iclk align` without features; times are "
-    "the batch's,\n"
-    "shared evenly. A pair that cannot be read or is badly described has status \"error\" and the reason; the others go on.\n"
-    "Run the same command again to continue after Ctrl-C, a kill or a full disk: pairs with a result are skipped, a "
-    "half-written last line\n"
-    "is done again. Results of another manifest, of lines that changed or of other options are refused. Lines may be added.\n"
+    "RESULTS.jsonl begins with a header; then a line a pair, in the order in which they were finished: id, line, key (hash\n"
+    "of the manifest's line), status, errors (of T_10, where there is a truth), reason, and the JSON of `iclk align` without\n"
+    "features; times are the batch's, shared evenly. A pair that cannot be read or is badly described has status \"error\" "
+    "and\n"
+    "the reason; the others go on.\n"
+    "Run the same command again to continue after Ctrl-C, a kill or a full disk: pairs with a result are skipped, a\n"
+    "half-written last line is done again. Results of another manifest, of lines that changed or of other options are\n"
+    "refused. Lines may be added.\n"
     "Poses do not depend on --batch, --threads, --memory or --shard.\n"
     "\n"
     "Examples:\n"
     "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl\n"
-    "  iclk batch pairs.jsonl --camera 517.3,516.5,318.6,255.3 --depth-scale 5000 --batch 64 --out results.jsonl\n"
-    "  iclk batch pairs.jsonl --shard 0/4 --out results.0.jsonl        one of four machines; then 1/4, 2/4, 3/4\n"
-    "  iclk batch pairs.jsonl --retry --out results.jsonl              after mending what was broken\n"
+    "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry           # after mending what was broken\n"
+    "  iclk batch pairs.jsonl --camera camera.txt --out results.0.jsonl --shard 0/4     # one of four machines\n"
+    "  iclk batch pairs.jsonl --camera 517.3,516.5,318.6,255.3 --depth-scale 5000 --batch 64 --out all.jsonl\n"
     "\n"
     "Exit codes: 0 every line has a result and none is an error; 20 every line has a result, some with status \"error\";\n"
     "130 stopped by Ctrl-C, 143 by SIGTERM, after the pairs on the device were written (a second signal leaves at once);\n"
     "2 wrong usage, 3 bad manifest, options or results of another manifest, 4 a file cannot be read or written (disk full),\n"
-    "5 no Vulkan driver or no such device, 6 the device failed: pairs that remain are not marked, and the same command "
-    "continues;\n"
-    "1 a defect of iclk.";
+    "5 no Vulkan driver or no such device, 6 the device failed: pairs that remain are not marked, and the same command\n"
+    "continues; 1 a defect of iclk.";
 
 // What a signal handler can reach.
 volatile std::sig_atomic_t g_signal = 0;
@@ -210,7 +209,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   const int remaining = static_cast<int>(work.lines.size()) - outcome.done;
   std::string summary = tally.text();
   char line[200];
-  std::snprintf(line, sizeof line, "%d pairs in %s", outcome.done, duration_text(outcome.seconds).c_str());
+  std::snprintf(line, sizeof line, "%d pair%s in %s", outcome.done, outcome.done == 1 ? "" : "s",
+                duration_text(outcome.seconds).c_str());
   summary += line;
   if (outcome.done > 0) {
     std::snprintf(line, sizeof line, " (%.2f pairs/s)", outcome.done / std::max(outcome.seconds, 1e-9));
@@ -230,7 +230,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
                     (outcome.lost->code() == ErrorCode::out_of_memory ? "; a smaller --batch needs less memory" : ""));
   const int errors = tally.count("error");
   if (errors > 0 && remaining == 0)
-    spdlog::warn("{} pairs have status \"error\": see \"reason\" in the results; --retry runs them again", errors);
+    spdlog::warn("{} status \"error\": see \"reason\" in the results; --retry runs {} again",
+                 errors == 1 ? "1 pair has" : std::to_string(errors) + " pairs have", errors == 1 ? "it" : "them");
   exit = outcome.stopped ? kStoppedBy + static_cast<int>(g_signal) : errors > 0 ? kSomePairsFailed : kConverged;
 }
 
@@ -239,8 +240,10 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
 void add_batch(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand("batch", "Align many pairs that a manifest lists; a run that was stopped continues");
   auto options = std::make_shared<BatchOptions>();
-  command->add_option("MANIFEST", options->manifest, "JSON lines, one pair each; see below")->required();
-  command->add_option("--out", options->out, "Results, JSON lines; continued if it is there already")->required();
+  command->add_option("MANIFEST", options->manifest, "JSON lines, one pair each; see below")->required()->type_name("FILE");
+  command->add_option("--out", options->out, "Results, JSON lines; continued if it is there already")
+      ->required()
+      ->type_name("FILE");
   command
       ->add_option("--batch", options->batch,
                    "Pairs on the device at a time, of equal image size; default 16, with --solver cpu 1")

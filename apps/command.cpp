@@ -8,9 +8,8 @@ namespace iclk {
 
 const char* const kExitCodesHelp =
     "Exit codes: 0 converged (or done); 10 max_iterations, 11 low_overlap, 12 degenerate, 13 too_few_features, 14 diverged;\n"
-    "2 wrong usage, 3 bad input, 4 a file cannot be read or written, 5 no Vulkan driver or no such device, 6 the device "
-    "failed,\n"
-    "1 a defect of iclk.";
+    "2 wrong usage, 3 bad input, 4 a file cannot be read or written, 5 no Vulkan driver or no such device,\n"
+    "6 the device failed, 1 a defect of iclk.";
 
 int exit_code(Status status) {
   switch (status) {
@@ -58,6 +57,8 @@ std::string HelpFormatter::make_option_desc(const CLI::Option* option) const {
   }
   return out;
 }
+
+std::string not_empty(const std::string& value) { return value.empty() ? "the value is empty" : ""; }
 
 void print(std::string_view text) {
   const bool written = std::fwrite(text.data(), 1, text.size(), stdout) == text.size();

@@ -57,7 +57,9 @@ void add_demo(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand(
       "demo", "Align two views of a landscape made in code, whose true motion is known, and draw the result");
   auto options = std::make_shared<DemoOptions>();
-  command->add_option("--out", options->out, "Folder for the pictures and result.json")->capture_default_str();
+  command->add_option("--out", options->out, "Folder for the pictures and result.json")
+      ->capture_default_str()
+      ->type_name("DIR");
   command->add_option("--count", options->features.count, "Features")->capture_default_str();
   options->run.add_to(*command);
   command->footer(std::string("Examples:\n  iclk demo\n  iclk demo --solver cpu --count 200 --out demo200\n\n") +

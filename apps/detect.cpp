@@ -20,7 +20,7 @@ constexpr double kMaxDepthSpread =
 // camera.
 constexpr double kTexture = 1e-4;
 constexpr double kResponse = 4;  // what cv::cornerMinEigenVal gives for a texture of 1, block 7, Sobel 3
-constexpr int kMinDistance = 8;  // px: a patch
+constexpr int kMinDistance = 8;  // px: a patch; less in images of fewer than 64 px
 
 /// 255 at pixels that may carry a feature.
 struct Candidates {
@@ -49,18 +49,20 @@ Candidates find_candidates(const cv::Mat& depth, const cv::Mat& seen, int border
   return c;
 }
 
-/// Features on a map of occupied places, so that no two lie closer than kMinDistance.
+/// Features on a map of occupied places, so that no two lie closer than `distance`.
 struct Picker {
   const cv::Mat& depth;
   Features features;
+  const int distance;
   cv::Mat free;
 
-  explicit Picker(const cv::Mat& d) : depth(d), free(d.size(), CV_8U, cv::Scalar(255)) {}
+  explicit Picker(const cv::Mat& d)
+      : depth(d), distance(std::clamp(std::min(d.cols, d.rows) / 8, 1, kMinDistance)), free(d.size(), CV_8U, cv::Scalar(255)) {}
 
   void take(const cv::Point& p) {
     features.uv.emplace_back(p.x, p.y);
     features.inverse_depth.push_back(1.0 / depth.at<float>(p));
-    cv::circle(free, p, kMinDistance - 1, 0, cv::FILLED);
+    cv::circle(free, p, distance - 1, 0, cv::FILLED);
   }
 };
 
@@ -179,12 +181,14 @@ cv::Mat grey_8bit(const cv::Mat& image) {
   return out;
 }
 
-Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::Mat& seen, const DetectorOptions& options) {
-  options.check();
+Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::Mat& seen, const DetectorOptions& wanted) {
+  wanted.check();
   if (depth.size() != image.size() || depth.type() != CV_32FC1 || (!seen.empty() && seen.size() != image.size()))
     throw Error(ErrorCode::invalid_argument, "depth of " + std::to_string(depth.cols) + "x" + std::to_string(depth.rows) +
                                                  " for an image of " + std::to_string(image.cols) + "x" +
                                                  std::to_string(image.rows));
+  DetectorOptions options = wanted;
+  options.border = std::min(options.border, std::min(image.cols, image.rows) / 4);
   const Candidates candidates = find_candidates(depth, seen, options.border);
   Picker picker(depth);
   switch (options.detector) {
@@ -192,6 +196,7 @@ Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::M
     case Detector::grid: pick_grid(candidates, options, picker); break;
     case Detector::random: pick_random(candidates, options, picker); break;
   }
+  if (picker.features.size() == 0) pick_grid(candidates, options, picker);
   return std::move(picker.features);
 }
 

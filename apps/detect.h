@@ -18,7 +18,7 @@ struct DetectorOptions {
   Detector detector = Detector::shi_tomasi;
   int count = 50;
   uint64_t seed = 0;  ///< of `random`
-  int border = 17;    ///< px: 2 P + 1 for the paper's 8x8 patches
+  int border = 17;    ///< px: 2 P + 1 for the paper's 8x8 patches; at most a quarter of the image's shorter side is kept free
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
@@ -31,7 +31,8 @@ Detector parse_detector(const std::string& name);
 ///
 /// Places whose 8x8 patch has depth throughout and within 5 % come first: at a depth edge one depth cannot hold for the patch.
 /// Where these do not suffice, any pixel with depth and a border around it serves; where there is none, the result is short or
-/// empty.
+/// empty. An image without any texture is given the grid's features, whatever the detector: that no pose can be had from it is
+/// the aligner's to say.
 ///
 /// `image`: as load_image gives it. `depth`: CV_32FC1 metres of the same size, 0 = none. `seen`: CV_8UC1, 0 = not really seen
 /// (border of an undistorted image), or empty. Throws Error(invalid_argument) for sizes that differ.

@@ -45,7 +45,12 @@ void add_devices(CLI::App& app, int& exit) {
   command->add_flag("--json", *json, "A JSON list on standard output, and nothing else");
   command->footer(
       "The index, a part of the name or the UUID is what --device and ICLK_DEVICE take.\n"
-      "Without them the first usable one of discrete, integrated, virtual, CPU is chosen.");
+      "Without them the first usable one of discrete, integrated, virtual, CPU is chosen.\n"
+      "\n"
+      "Examples:\n"
+      "  iclk devices\n"
+      "  iclk devices --json\n"
+      "  iclk demo --device 0");
   command->callback([json, &exit] {
     const std::vector<engine::DeviceInfo> devices = engine::list_devices();
     print(*json ? to_json(devices) : to_table(devices));

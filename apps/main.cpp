@@ -1,13 +1,16 @@
 #include <csignal>
 #include <cstdlib>
 #include <exception>
+#include <iostream>
 #include <new>
+#include <sstream>
 
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
 #include "apps/command.h"
 #include "apps/io/images.h"
+#include "apps/io/text.h"
 
 namespace {
 
@@ -26,7 +29,14 @@ int run(int argc, char** argv) {
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
-    return app.exit(e) == 0 ? iclk::kConverged : iclk::kUsage;
+    std::ostringstream out, err;
+    const bool asked = app.exit(e, out, err) == 0;  // --help, --version
+    const auto named = [&](const CLI::App* command) { return argc > 1 && command->get_name() == argv[1]; };
+    if (!asked && argc > 1 && argv[1][0] != '-' && app.get_subcommands(named).empty())
+      err.str("there is no subcommand '" + iclk::printable(argv[1]) + "'\nRun with --help for more information.\n");
+    if (asked) iclk::print(out.str());
+    std::cerr << err.str();
+    return asked ? iclk::kConverged : iclk::kUsage;
   }
   return exit;
 }

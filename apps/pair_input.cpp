@@ -55,7 +55,10 @@ PairInput PairLoader::load(const PairFiles& files) const {
     pair.depth_0 = load_depth(files.depth, options_.depth_scale);
     require_size(pair.depth_0, files.depth, pair.image_0, files.reference);
   }
-  if (!files.features.empty()) pair.features = load_features(files.features);
+  if (!files.features.empty()) {
+    pair.features = load_features(files.features);
+    pair.features_from_file = true;
+  }
   cv::Mat seen;
   if (!distortion_.empty()) {
     const auto undistort = undistorter(pair.camera);

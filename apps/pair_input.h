@@ -39,6 +39,7 @@ struct PairInput {
   Features features;
   SE3 T_10;                  ///< first guess
   std::optional<SE3> truth;  ///< T_10
+  bool features_from_file = false;
   double load_ms = 0, detect_ms = 0;
 };
 

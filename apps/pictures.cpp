@@ -14,7 +14,7 @@ namespace iclk {
 namespace {
 
 constexpr int kPanelWidth = 960;  // px, at least, so that marks and text stay readable
-const cv::Scalar kPaper(32, 30, 28), kInk(235, 235, 235), kFaint(165, 165, 165);
+const cv::Scalar kPaper(32, 30, 28), kInk(235, 235, 235), kFaint(165, 165, 165), kAlarm(80, 90, 255);
 
 int zoom_of(const cv::Mat& image) { return std::clamp((kPanelWidth + image.cols - 1) / std::max(image.cols, 1), 1, 16); }
 
@@ -24,14 +24,23 @@ cv::Mat enlarged(const cv::Mat& image, int zoom, int how = cv::INTER_LINEAR) {
   return out;
 }
 
-void text(cv::Mat& canvas, const std::string& words, cv::Point at, double size = 0.62, const cv::Scalar& colour = kInk) {
-  cv::putText(canvas, words, at, cv::FONT_HERSHEY_SIMPLEX, size, colour, 1, cv::LINE_AA);
-}
+/// Letters and marks of a picture grow with its width: it is looked at as a whole, whatever its pixels.
+struct Pen {
+  double scale;  ///< 1 for a picture of 1280 px
 
-int text_width(const std::string& words, double size = 0.62) {
-  int below = 0;
-  return cv::getTextSize(words, cv::FONT_HERSHEY_SIMPLEX, size, 1, &below).width;
-}
+  explicit Pen(int width) : scale(std::clamp(width / 1280.0, 0.75, 8.0)) {}
+  int px(double length) const { return std::max(1, static_cast<int>(std::lround(length * scale))); }
+  double font() const { return 0.62 * scale; }
+  int thickness() const { return px(1.2); }
+
+  void text(cv::Mat& canvas, const std::string& words, cv::Point at, const cv::Scalar& colour = kInk) const {
+    cv::putText(canvas, words, at, cv::FONT_HERSHEY_SIMPLEX, font(), colour, thickness(), cv::LINE_AA);
+  }
+  int width(const std::string& words) const {
+    int below = 0;
+    return cv::getTextSize(words, cv::FONT_HERSHEY_SIMPLEX, font(), thickness(), &below).width;
+  }
+};
 
 std::string format(const char* pattern, auto... values) {
   char line[256];
@@ -40,12 +49,51 @@ std::string format(const char* pattern, auto... values) {
 }
 
 /// A title above and room for a legend below.
-cv::Mat framed(const cv::Mat& panel, const std::string& title, int legend_height) {
-  cv::Mat canvas(panel.rows + 34 + legend_height, panel.cols, CV_8UC3, kPaper);
-  panel.copyTo(canvas(cv::Rect(0, 34, panel.cols, panel.rows)));
-  text(canvas, title, {12, 24}, std::min(0.62, 0.62 * (panel.cols - 24) / std::max(text_width(title), 1)));
+cv::Mat framed(const cv::Mat& panel, const Pen& pen, const std::string& title, const cv::Scalar& colour, int legend_height) {
+  const int top = pen.px(34);
+  cv::Mat canvas(panel.rows + top + legend_height, panel.cols, CV_8UC3, kPaper);
+  panel.copyTo(canvas(cv::Rect(0, top, panel.cols, panel.rows)));
+  pen.text(canvas, title, {pen.px(12), pen.px(24)}, colour);
   return canvas;
 }
+
+/// Nobody should take the picture of a failure for that of a pose.
+cv::Scalar verdict_colour(const RefinedAlignment& result) { return result.converged() ? kInk : kAlarm; }
+std::string verdict(const RefinedAlignment& result) {
+  return result.converged() ? "converged" : std::string("FAILED: ") + name(result.status);
+}
+
+/// Entries of a legend, from left to right along one line.
+struct Legend {
+  cv::Mat& canvas;
+  const Pen& pen;
+  int y;  ///< the text's base line
+  int x = pen.px(16);
+
+  void words(const std::string& text, double gap) {
+    pen.text(canvas, text, {x, y});
+    x += pen.width(text) + pen.px(gap);
+  }
+  void square(const cv::Scalar& colour, const std::string& text) {
+    cv::rectangle(canvas, cv::Rect(x, y - pen.px(14), pen.px(18), pen.px(18)), colour, cv::FILLED);
+    x += pen.px(26);
+    words(text, 26);
+  }
+  void ring(const cv::Scalar& colour, const std::string& text) {
+    cv::circle(canvas, {x + pen.px(6), y - pen.px(5)}, pen.px(7), colour, pen.px(2), cv::LINE_AA);
+    x += pen.px(22);
+    words(text, 28);
+  }
+  void line(const cv::Scalar& colour, const std::string& text) {
+    cv::line(canvas, {x, y - pen.px(5)}, {x + pen.px(28), y - pen.px(5)}, colour, pen.px(2), cv::LINE_AA);
+    x += pen.px(40);
+    words(text, 28);
+  }
+  /// Faint, at the right end.
+  void note(const std::string& text) {
+    pen.text(canvas, text, {std::max(x, canvas.cols - pen.px(16) - pen.width(text)), y}, kFaint);
+  }
+};
 
 /// Gain and bias that bring the warped target to the reference's exposure: pictures show motion, not exposure.
 /// Least squares on the better half of the pixels, twice.
@@ -123,17 +171,18 @@ cv::Mat residual_panel(const View& view, const cv::Mat& grey_0, double range) {
   return out;
 }
 
-cv::Mat side_by_side(const cv::Mat& before, const cv::Mat& after, const std::string& title_0, const std::string& title_1,
-                     int legend_height) {
-  const cv::Mat gap(before.rows + 34 + legend_height, 8, CV_8UC3, kPaper);
+cv::Mat side_by_side(const cv::Mat& before, const cv::Mat& after, const Pen& pen, const std::string& title_0,
+                     const std::string& title_1, const cv::Scalar& colour_1) {
+  const int below = pen.px(42);
+  const cv::Mat left = framed(before, pen, title_0, kInk, below), right = framed(after, pen, title_1, colour_1, below);
   cv::Mat out;
-  cv::hconcat(std::vector<cv::Mat>{framed(before, title_0, legend_height), gap, framed(after, title_1, legend_height)}, out);
+  cv::hconcat(std::vector<cv::Mat>{left, cv::Mat(left.rows, 8, CV_8UC3, kPaper), right}, out);
   return out;
 }
 
 cv::Scalar status_colour(const std::string& status) {
   static const std::map<std::string, cv::Scalar> colours = {{"aligned", {90, 230, 90}},
-                                                            {"projected", {90, 230, 90}},
+                                                            {"projected", {230, 200, 120}},
                                                             {"bad_match", {40, 160, 255}},
                                                             {"diverged", {255, 90, 230}},
                                                             {"low_texture", {255, 220, 60}}};
@@ -151,6 +200,7 @@ cv::Mat colour_8bit(const cv::Mat& image) {
 
 cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) {
   const int zoom = zoom_of(pair.image_1);
+  const Pen pen(pair.image_1.cols * zoom);
   cv::Mat panel = enlarged(colour_8bit(pair.image_1), zoom, cv::INTER_CUBIC) * 0.7;
   struct Mark {
     Eigen::Vector2d at, line_end;
@@ -180,74 +230,69 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
     return cv::Point(static_cast<int>(std::lround(p.x())) - 8, static_cast<int>(std::lround(p.y())) - 8);
   };
   constexpr int kShift = 4;  // sub-pixel drawing
+  const int radius = pen.px(std::clamp(9 * std::sqrt(400.0 / std::max(pair.features.size(), 1)), 3.0, 9.0));
+  const int pencil = std::max(1, radius / 4);
   for (const Mark& mark : marks) {
-    cv::circle(panel, pixel(mark.at), 9 << kShift, {0, 0, 0}, 4, cv::LINE_AA, kShift);
-    cv::circle(panel, pixel(mark.at), 9 << kShift, status_colour(mark.status), 2, cv::LINE_AA, kShift);
+    cv::circle(panel, pixel(mark.at), radius << kShift, {0, 0, 0}, 2 * pencil, cv::LINE_AA, kShift);
+    cv::circle(panel, pixel(mark.at), radius << kShift, status_colour(mark.status), pencil, cv::LINE_AA, kShift);
   }
-  for (const Mark& mark : marks)
-    if (mark.has_line)
-      cv::line(panel, pixel(mark.at), pixel(mark.at + magnified * (mark.line_end - mark.at)), {60, 60, 255}, 2, cv::LINE_AA,
-               kShift);
-  cv::Mat canvas =
-      framed(panel, "Features of the reference, found in the target (" + std::string(name(result.status)) + ")", 64);
-  int x = 16;
-  const int y = canvas.rows - 44;
-  for (const auto& [status, count] : counts) {
-    cv::circle(canvas, {x + 6, y - 5}, 7, status_colour(status), 2, cv::LINE_AA);
-    const std::string words = format("%d %s", count, status.c_str());
-    text(canvas, words, {x + 22, y});
-    x += 22 + text_width(words) + 28;
-  }
-  cv::line(canvas, {16, canvas.rows - 19}, {44, canvas.rows - 19}, {60, 60, 255}, 2, cv::LINE_AA);
-  const std::string legend = pair.truth
-                                 ? format("from found to true position%s; mean distance %.2f px",
-                                          magnified > 1 ? format(", drawn %d times as long", magnified).c_str() : "", mean)
-                                 : format("back to where the first guess had it; mean distance %.1f px", mean);
-  text(canvas, legend, {56, canvas.rows - 14});
+  const cv::Scalar red(60, 60, 255);
+  // Thousands of lines would hide the image.
+  const size_t stride = 1 + marks.size() / 500;
+  for (size_t i = 0; i < marks.size(); i += stride)
+    if (const Mark& mark = marks[i]; mark.has_line)
+      cv::line(panel, pixel(mark.at), pixel(mark.at + magnified * (mark.line_end - mark.at)), red, pencil, cv::LINE_AA, kShift);
+  cv::Mat canvas = framed(panel, pen, "Features of the reference, found in the target (" + verdict(result) + ")",
+                          verdict_colour(result), pen.px(66));
+  Legend rings{canvas, pen, canvas.rows - pen.px(44)};
+  for (const auto& [status, count] : counts) rings.ring(status_colour(status), format("%d %s", count, status.c_str()));
+  std::string line = pair.truth ? format("from found to true position%s; mean distance %.2f px",
+                                         magnified > 1 ? format(", drawn %d times as long", magnified).c_str() : "", mean)
+                                : format("back to where the first guess had it; mean distance %.1f px", mean);
+  if (stride > 1) line += format("; one feature in %zu has its line", stride);
+  Legend{canvas, pen, canvas.rows - pen.px(14)}.line(red, line);
   return canvas;
 }
 
-cv::Mat overlay_picture(const View& before, const View& after, const cv::Mat& grey_0, const std::string& depth_source) {
+cv::Mat overlay_picture(const View& before, const View& after, const cv::Mat& grey_0, const RefinedAlignment& result,
+                        const std::string& depth_source) {
   const int zoom = zoom_of(grey_0);
+  const Pen pen(static_cast<int>(1.4 * grey_0.cols * zoom));
   cv::Mat canvas = side_by_side(enlarged(overlay_panel(before, grey_0), zoom), enlarged(overlay_panel(after, grey_0), zoom),
-                                "Before: target warped by the first guess", "After: target warped by the result", 40);
-  const int y = canvas.rows - 14;
-  int x = 16;
-  const std::pair<const char*, cv::Scalar> entries[] = {{"only in the reference", {60, 60, 230}},
-                                                        {"only in the target", {220, 220, 60}},
-                                                        {"agree", {170, 170, 170}},
-                                                        {"no depth, or not in the target", {70, 40, 40}}};
-  for (const auto& [words, colour] : entries) {
-    cv::rectangle(canvas, cv::Rect(x, y - 14, 18, 18), colour, cv::FILLED);
-    text(canvas, words, {x + 26, y});
-    x += 26 + text_width(words) + 26;
-  }
-  text(canvas, depth_source, {std::max(x, canvas.cols - 16 - text_width(depth_source)), y}, 0.62, kFaint);
+                                pen, "Before: target warped by the first guess",
+                                "After: target warped by the result (" + verdict(result) + ")", verdict_colour(result));
+  Legend legend{canvas, pen, canvas.rows - pen.px(14)};
+  legend.square({60, 60, 230}, "only in the reference");
+  legend.square({220, 220, 60}, "only in the target");
+  legend.square({170, 170, 170}, "agree");
+  legend.square({70, 40, 40}, "no depth, or not in the target");
+  legend.note(depth_source);
   return canvas;
 }
 
-cv::Mat residual_picture(const View& before, const View& after, const cv::Mat& grey_0, const std::string& depth_source) {
+cv::Mat residual_picture(const View& before, const View& after, const cv::Mat& grey_0, const RefinedAlignment& result,
+                         const std::string& depth_source) {
   const int zoom = zoom_of(grey_0);
+  const Pen pen(static_cast<int>(1.4 * grey_0.cols * zoom));
   const double range = std::isfinite(before.rms) ? std::clamp(std::ceil(before.rms / 5) * 10, 20.0, 120.0) : 60;
-  cv::Mat canvas =
-      side_by_side(enlarged(residual_panel(before, grey_0, range), zoom), enlarged(residual_panel(after, grey_0, range), zoom),
-                   format("Before: residual of the first guess, RMS %.1f of 255", before.rms),
-                   format("After: residual of the result, RMS %.1f of 255", after.rms), 44);
-  const int y = canvas.rows - 14, bar = 300;
-  const std::string low = format("target darker  -%.0f", range), high = format("+%.0f  target brighter", range);
-  int x = 16;
-  text(canvas, low, {x, y});
-  x += text_width(low) + 12;
+  const auto rms = [](const View& view) {
+    return std::isfinite(view.rms) ? format("RMS %.1f of 255 grey levels", view.rms) : std::string("nothing to compare");
+  };
+  cv::Mat canvas = side_by_side(
+      enlarged(residual_panel(before, grey_0, range), zoom), enlarged(residual_panel(after, grey_0, range), zoom), pen,
+      "Before: target minus reference, " + rms(before),
+      "After" + (result.converged() ? std::string() : " (" + verdict(result) + ")") + ": target minus reference, " + rms(after),
+      verdict_colour(result));
+  Legend legend{canvas, pen, canvas.rows - pen.px(14)};
+  legend.words(format("target darker  -%.0f", range), 12);
+  const int bar = pen.px(300);
   for (int i = 0; i < bar; ++i)
-    cv::line(canvas, {x + i, y - 16}, {x + i, y + 4}, cv::Scalar(signed_colour(2.0 * i / (bar - 1) - 1)));
-  x += bar + 12;
-  text(canvas, high, {x, y});
-  x += text_width(high) + 30;
-  cv::rectangle(canvas, cv::Rect(x, y - 14, 18, 18), {96, 96, 96}, cv::FILLED);
-  text(canvas, "unknown", {x + 26, y});
-  x += 26 + text_width("unknown") + 26;
-  const std::string note = depth_source + "; exposure matched";
-  text(canvas, note, {std::max(x, canvas.cols - 16 - text_width(note)), y}, 0.62, kFaint);
+    cv::line(canvas, {legend.x + i, legend.y - pen.px(16)}, {legend.x + i, legend.y + pen.px(4)},
+             cv::Scalar(signed_colour(2.0 * i / (bar - 1) - 1)));
+  legend.x += bar + pen.px(12);
+  legend.words(format("+%.0f  target brighter", range), 30);
+  legend.square({96, 96, 96}, "unknown");
+  legend.note(depth_source + "; exposure matched");
   return canvas;
 }
 
@@ -326,10 +371,10 @@ std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment
   const cv::Mat grey_0 = grey_8bit(pair.image_0), grey_1 = grey_8bit(pair.image_1), depth = picture_depth(pair);
   const View before = view_by(pair, grey_0, grey_1, depth, pair.T_10),
              after = view_by(pair, grey_0, grey_1, depth, result.T_10);
-  const std::string source = pair.depth_0.empty() ? "depth interpolated between the features" : "depth: the depth image";
+  const std::string source = pair.depth_0.empty() ? "warped by depth between features" : "warped by the depth image";
   return {{"features.png", features_picture(pair, result)},
-          {"overlay.png", overlay_picture(before, after, grey_0, source)},
-          {"residual.png", residual_picture(before, after, grey_0, source)}};
+          {"overlay.png", overlay_picture(before, after, grey_0, result, source)},
+          {"residual.png", residual_picture(before, after, grey_0, result, source)}};
 }
 
 }  // namespace iclk

@@ -127,15 +127,18 @@ bool feature_position(const PairInput& pair, const RefinedAlignment& result, int
   return project_feature(pair.camera, pair.features, i, result.T_10, uv1);
 }
 
-std::string hint(Status status) {
+std::string hint(Status status, bool feature_file) {
   switch (status) {
     case Status::converged: return "";
     case Status::max_iterations: return "the pose was still moving: try --damping adaptive, or a nearer --initial-pose";
     case Status::low_overlap: return "little of the reference is inside the target: take a nearer frame or give --initial-pose";
     case Status::degenerate:
+      if (feature_file)
+        return "the images do not determine the pose: more features are needed, on texture and spread over the image";
       return "the images do not determine the pose: they need texture spread over the image and depth, try --count 200 or "
              "--detector grid";
     case Status::too_few_features:
+      if (feature_file) return "the feature file needs more points that lie inside the reference, on texture, and have a depth";
       return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 200 or "
              "--detector grid";
     case Status::diverged:
@@ -190,15 +193,16 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
     row(stage.name, &e, stage.cost, stage.ms);
   }
   out += "\nfeatures   " + feature_line(pair, result) + "\n";
-  out += format("visible    %.0f %% of the patch pixels fall into the target\n", 100 * result.iclk.visible_fraction);
-  out += "T_10       " + tum_line(result.T_10) + "   (tx ty tz qx qy qz qw, camera 0 to camera 1)\n";
+  out += format("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
+  out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
   out += format("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
   if (has_covariance(result)) {
     const Eigen::Matrix<double, 6, 1> sigma = result.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
     out += format("; 1 sigma %.2f mm, %.4f deg", 1e3 * sigma.head<3>().norm(), kDegrees * sigma.tail<3>().norm());
   }
   out += format("\nstatus     %s: %s\n", name(result.status), result.reason.c_str());
-  if (const std::string advice = hint(result.status); !advice.empty()) out += "hint       " + advice + "\n";
+  if (const std::string advice = hint(result.status, pair.features_from_file); !advice.empty())
+    out += "hint       " + advice + "\n";
   return out;
 }
 

@@ -27,8 +27,8 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
 /// hint.
 std::string to_table(const PairInput& pair, const RefinedAlignment& result, const Session& session);
 
-/// One line that says what to try next; empty for converged.
-std::string hint(Status status);
+/// One line that says what to try next; empty for converged. `feature_file`: the features were given, not chosen.
+std::string hint(Status status, bool feature_file = false);
 
 /// The status of feature i as JSON and pictures state it: a FeatureStatus, the FeatureCheck of a rejected one, or without
 /// refinement "projected" or "out_of_image".

@@ -102,6 +102,18 @@ void Session::make_aligner(const PairInput& pair, int features) {
   const bool fits = aligner_ && plan.width == plan_.width && plan.height == plan_.height && plan.format == plan_.format &&
                     plan.max_features <= plan_.max_features;
   if (fits) return;
+  try {
+    make_plan(plan);
+  } catch (const Error& e) {
+    std::string remedy;
+    if (e.code() == ErrorCode::unsupported) remedy = " (--solver cpu)";
+    if (std::min(plan.width, plan.height) < 3 << (options_.aligner.levels - 1)) remedy = " (--levels)";
+    throw Error(e.code(), pair.name_0 + ": " + e.what() + remedy);
+  }
+  plan_ = plan;
+}
+
+void Session::make_plan(const Plan& plan) {
   refiner_.reset();
   aligner_.reset();
   device_aligner_ = nullptr;
@@ -114,7 +126,6 @@ void Session::make_aligner(const PairInput& pair, int features) {
     aligner_ = std::move(aligner);
   }
   if (options_.refine) refiner_ = std::make_unique<Refiner>(*aligner_, options_.refiner);
-  plan_ = plan;
 }
 
 std::vector<RefinedAlignment> Session::run(std::span<const PairInput> pairs) {

@@ -54,6 +54,7 @@ class Session {
 
  private:
   void make_aligner(const PairInput& pair, int features);
+  void make_plan(const Plan& plan);
 
   SessionOptions options_;
   std::shared_ptr<engine::Context> context_;

@@ -116,7 +116,12 @@ void read_line(std::string_view text, CameraFile& file) {
 CameraFile load_file(const std::string& path) {
   CameraFile file;
   file.source = "camera " + path;
-  const std::string text = read_file(path, size_t{1} << 20);
+  std::string text;
+  try {
+    text = read_file(path, size_t{1} << 20);
+  } catch (const Error& e) {
+    throw Error(e.code(), std::string(e.what()) + "; a camera is fx,fy,cx,cy[,width,height] or a file");
+  }
   if (trim(text).empty()) fail(file.source, "the file is empty");
   std::string_view first;
   for (const std::string_view line : lines_of(text))

@@ -112,7 +112,9 @@ cv::Mat load_depth(const std::string& path, double scale) {
       valid += row[u] > 0;
     }
   }
-  if (valid == 0) throw Error(ErrorCode::invalid_argument, path + " has no pixel with depth (all 0, negative or not finite)");
+  if (valid == 0)
+    throw Error(ErrorCode::invalid_argument,
+                path + " has no pixel with depth (all 0, negative or not finite): is it the depth image of this reference?");
   return depth;
 }
 

@@ -1,6 +1,7 @@
 #include "apps/io/text.h"
 
 #include <fcntl.h>
+#include <poll.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -13,8 +14,20 @@
 namespace iclk {
 namespace {
 
+constexpr int kPipePatience = 5000;  // ms without data
+
 [[noreturn]] void fail(const std::string& path, const std::string& why) {
   throw Error(ErrorCode::io, "cannot read " + path + ": " + why);
+}
+
+/// A pipe is read as a file is (`<(zcat k.gz)`), but one that nobody writes to must not hold the program for ever.
+bool has_data(int file) {
+  pollfd wait = {file, POLLIN, 0};
+  int ready = 0;
+  do {
+    ready = ::poll(&wait, 1, kPipePatience);
+  } while (ready < 0 && errno == EINTR);
+  return ready != 0;
 }
 
 }  // namespace
@@ -27,7 +40,7 @@ std::string printable(std::string_view word) {
 
 std::string read_file(const std::string& path, size_t max_bytes) {
   if (path.find('\0') != std::string::npos) fail(path.c_str(), "the name holds a zero byte");
-  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (file < 0) fail(path, std::strerror(errno));
   struct stat info = {};
   if (::fstat(file, &info) == 0 && S_ISDIR(info.st_mode)) {
@@ -39,8 +52,12 @@ std::string read_file(const std::string& path, size_t max_bytes) {
     bytes.reserve(static_cast<size_t>(info.st_size));
   char block[1 << 16];
   for (;;) {
+    if (!S_ISREG(info.st_mode) && !has_data(file)) {
+      ::close(file);
+      fail(path, "a pipe or device that gave nothing for " + std::to_string(kPipePatience / 1000) + " s; give a file");
+    }
     const ssize_t n = ::read(file, block, sizeof block);
-    if (n < 0 && errno == EINTR) continue;
+    if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
     if (n < 0 || bytes.size() + static_cast<size_t>(n) > max_bytes) {
       const std::string why = n < 0 ? std::strerror(errno) : "longer than " + std::to_string(max_bytes) + " bytes";
       ::close(file);

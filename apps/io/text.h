@@ -7,7 +7,8 @@
 
 namespace iclk {
 
-/// The whole file as bytes. Throws Error(io) that names the path: missing, a folder, not readable, longer than max_bytes.
+/// The whole file as bytes. A pipe is read until its writer closes it. Throws Error(io) that names the path: missing, a folder,
+/// not readable, longer than max_bytes, a pipe that gives nothing for 5 s.
 std::string read_file(const std::string& path, size_t max_bytes = size_t{1} << 30);
 
 /// A word as it may be shown in a message: short and printable, whatever a hostile file holds.

@@ -23,6 +23,9 @@ struct Case {
   Solver solver;
 };
 
+std::string text(const Case& c) { return std::string(c.golden) + (c.solver == Solver::device ? "_device" : "_host"); }
+void PrintTo(const Case& c, std::ostream* out) { *out << text(c); }
+
 class ParityDevice : public testing::TestWithParam<Case> {
  protected:
   ParityDevice() : golden(GetParam().golden), camera(golden.camera()), features(golden.features()) {
@@ -68,9 +71,7 @@ INSTANTIATE_TEST_SUITE_P(Golden, ParityDevice,
                          testing::Values(Case{"classical_188x120", Solver::device}, Case{"classical_188x120", Solver::host},
                                          Case{"classical_odd_203x151", Solver::device},
                                          Case{"classical_odd_203x151", Solver::host}),
-                         [](const auto& info) {
-                           return std::string(info.param.golden) + (info.param.solver == Solver::device ? "_device" : "_host");
-                         });
+                         [](const auto& info) { return text(info.param); });
 
 // Runs the device's stages one by one and reads their buffers.
 class DeviceStages : public testing::TestWithParam<const char*> {

@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <ostream>
 #include <string>
 
 #include <gtest/gtest.h>
@@ -21,6 +22,9 @@ inline const char* name(Way way) {
   constexpr const char* names[] = {"cpu", "host", "device", "split"};
   return names[static_cast<int>(way)];
 }
+
+/// What ctest shows as the parameter's value.
+inline void PrintTo(Way way, std::ostream* out) { *out << name(way); }
 
 /// r32f: nothing is lost on the way to the device.
 inline Plan plan_for(const Camera& camera, int max_features = 50) {

@@ -206,6 +206,13 @@ struct Combination {
   bool photometric;
 };
 
+std::string text(const Combination& c) {
+  constexpr const char* robust[] = {"unit", "huber", "tukey", "cauchy"};
+  return std::string(robust[static_cast<int>(c.robust)]) + (c.damping == Damping::fixed ? "_fixed" : "_adaptive") +
+         (c.photometric ? "_photometric" : "");
+}
+void PrintTo(const Combination& c, std::ostream* out) { *out << text(c); }
+
 class Agreement : public testing::TestWithParam<Combination> {};
 
 // The same pose, status, covariance, iterations and robust scales from every solver.
@@ -271,13 +278,7 @@ std::vector<Combination> combinations() {
   return all;
 }
 
-std::string combination_name(const testing::TestParamInfo<Combination>& info) {
-  constexpr const char* robust[] = {"unit", "huber", "tukey", "cauchy"};
-  return std::string(robust[static_cast<int>(info.param.robust)]) +
-         (info.param.damping == Damping::fixed ? "_fixed" : "_adaptive") + (info.param.photometric ? "_photometric" : "");
-}
-
-INSTANTIATE_TEST_SUITE_P(All, Agreement, testing::ValuesIn(combinations()), combination_name);
+INSTANTIATE_TEST_SUITE_P(All, Agreement, testing::ValuesIn(combinations()), [](const auto& info) { return text(info.param); });
 
 }  // namespace
 }  // namespace iclk::test

@@ -1,91 +1,28 @@
 // The built command, run as a person or a script runs it.
 #include <fcntl.h>
 #include <sys/resource.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
 #include <csignal>
-#include <functional>
+#include <cstdlib>
+#include <map>
+#include <sstream>
 
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "apps/command.h"
-#include "apps/io/pose_text.h"
-#include "apps/scene.h"
-#include "files.h"
+#include "command_fixture.h"
 
 namespace iclk {
 namespace {
 
 using test::bytes_of;
+using test::Command;
+using test::Finished;
 using test::Folder;
-
-struct Finished {
-  int code = -1;
-  std::string out, err;
-};
-
-Finished run(
-    const std::vector<std::string>& arguments, const std::function<void()>& before = [] {}) {
-  const Folder folder;
-  const std::string out = folder.path("out"), err = folder.path("err");
-  const pid_t child = fork();
-  if (child == 0) {
-    dup2(open(out.c_str(), O_WRONLY | O_CREAT, 0600), 1);
-    dup2(open(err.c_str(), O_WRONLY | O_CREAT, 0600), 2);
-    before();
-    std::vector<char*> argv = {const_cast<char*>("iclk")};
-    for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));
-    argv.push_back(nullptr);
-    execv(ICLK_COMMAND, argv.data());
-    _exit(127);
-  }
-  int status = 0;
-  waitpid(child, &status, 0);
-  return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), bytes_of(out), bytes_of(err)};
-}
-
-/// A pair in files, made once.
-class Command : public ::testing::Test {
- protected:
-  static void SetUpTestSuite() {
-    folder_ = new Folder;
-    SceneOptions options;
-    options.width = 320;
-    options.height = 240;
-    Vector6d xi;
-    xi << 0.02, -0.01, 0.02, 0.01, 0.015, -0.02;
-    const ScenePair scene = make_scene_pair(SE3::exp(xi), options);
-    cv::imwrite(file("a.png"), scene.image_0);
-    cv::imwrite(file("b.png"), scene.image_1);
-    cv::Mat depth;
-    scene.depth_0.convertTo(depth, CV_16U, 5000);
-    cv::imwrite(file("d.png"), depth);
-    cv::imwrite(file("d.exr"), scene.depth_0);
-    truth_ = tum_line(scene.T_10);
-    char camera[100];
-    std::snprintf(camera, sizeof camera, "%.9g,%.9g,%.9g,%.9g", scene.camera.fx, scene.camera.fy, scene.camera.cx,
-                  scene.camera.cy);
-    camera_ = camera;
-  }
-  static void TearDownTestSuite() {
-    delete folder_;
-    folder_ = nullptr;
-  }
-
-  static std::string file(const std::string& name) { return folder_->path(name); }
-  static std::vector<std::string> align(std::vector<std::string> more = {}) {
-    std::vector<std::string> all = {"align", file("a.png"), file("b.png"), "--depth",  file("d.png"), "--depth-scale",
-                                    "5000",  "--camera",    camera_,       "--solver", "cpu"};
-    all.insert(all.end(), more.begin(), more.end());
-    return all;
-  }
-
-  static inline Folder* folder_ = nullptr;
-  static inline std::string truth_, camera_;
-};
+using test::run;
 
 TEST_F(Command, AlignsAndWrites) {
   const Folder out;
@@ -142,6 +79,12 @@ TEST_F(Command, UsageErrors) {
     EXPECT_EQ(f.out, "");
     EXPECT_NE(f.err, "");
   }
+  for (const char* option : {"--out", "--depth", "--features", "--truth", "--initial-pose"}) {
+    const Finished f = run(align({option, ""}));  // "$OUT" of a script that never set it
+    EXPECT_EQ(f.code, kUsage) << option;
+    EXPECT_NE(f.err.find(option), std::string::npos) << f.err;
+  }
+  EXPECT_NE(run({"algin"}).err.find("'algin'"), std::string::npos) << "the word that is wrong is named";
 }
 
 TEST_F(Command, HelpShowsDefaultsExamplesAndExitCodes) {
@@ -150,6 +93,37 @@ TEST_F(Command, HelpShowsDefaultsExamplesAndExitCodes) {
   for (const char* piece : {"Examples:", "Exit codes:", "T_10", "shi-tomasi", "--refine-rounds", "--initial-pose"})
     EXPECT_NE(f.out.find(piece), std::string::npos) << piece;
   EXPECT_EQ(run({"--version"}).code, 0);
+}
+
+TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
+  if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
+  const Folder folder;
+  for (const auto& [from, to] : std::map<std::string, std::string>{
+           {"a.png", "a.png"}, {"b.png", "b.png"}, {"d.png", "a_depth.png"}, {"d.exr", "a_depth.exr"}})
+    std::filesystem::copy_file(file(from), folder.path(to));
+  cv::imwrite(folder.path("a_depth.tiff"), cv::imread(file("d.exr"), cv::IMREAD_UNCHANGED));
+  folder.write("camera.txt", "262.4 262.4 159.5 119.5 320 240 5000\n");
+  folder.write("camchain.yaml", "cam0:\n  intrinsics: [262.4, 262.4, 159.5, 119.5]\n  resolution: [320, 240]\n");
+  folder.write("calibration.yaml", "image_width: 320\nimage_height: 240\nK: [262.4, 0, 159.5, 0, 262.4, 119.5, 0, 0, 1]\n");
+  std::string points = "u,v,depth\n";
+  for (int i = 0; i < 60; ++i) points += std::to_string(40 + 24 * (i % 10)) + "," + std::to_string(40 + 30 * (i / 10)) + ",2\n";
+  folder.write("points.csv", points);
+  folder.write("pairs.jsonl", R"({"reference": "a.png", "target": "b.png", "depth": "a_depth.png"})");
+  std::filesystem::create_symlink(ICLK_COMMAND, folder.path("iclk"));
+  int examples = 0;
+  for (const char* command : {"align", "batch", "demo", "devices"}) {
+    std::istringstream help(run({command, "--help"}).out);
+    for (std::string line; std::getline(help, line);) {
+      if (!line.starts_with("  iclk ")) continue;
+      ++examples;
+      const std::string shell = "cd '" + folder.path("") + "' && PATH=.:$PATH && {" + line + "\n} >out 2>err";
+      const int code = WEXITSTATUS(std::system(shell.c_str()));
+      // The lens and scale of some examples are not those of this pair: then another verdict is right.
+      const bool verdict = std::string(command) == "align" && code >= kMaxIterations && code <= kDiverged;
+      EXPECT_TRUE(code == 0 || verdict) << code << ":" << line << "\n" << bytes_of(folder.path("err"));
+    }
+  }
+  EXPECT_GE(examples, 13);
 }
 
 TEST_F(Command, BadInputHasItsCodeAndNamesTheFile) {
@@ -218,8 +192,11 @@ TEST_F(Command, OutputThatCannotBeWritten) {
   EXPECT_EQ(full.code, kIo) << full.err;
   EXPECT_NE(full.err.find("features.png"), std::string::npos) << full.err;
   EXPECT_TRUE(std::filesystem::is_empty(folder.path("out")));
-  const Finished closed = run(align({"--json"}), [] { dup2(open("/dev/full", O_WRONLY), 1); });
-  EXPECT_EQ(closed.code, kIo) << closed.err;
+  for (const std::vector<std::string>& line : {align({"--json"}), align(), {"--help"}, {"align", "--help"}}) {
+    const Finished closed = run(line, [] { dup2(open("/dev/full", O_WRONLY), 1); });
+    EXPECT_EQ(closed.code, kIo) << closed.err;
+    EXPECT_NE(closed.err.find("standard output"), std::string::npos) << closed.err;
+  }
 }
 
 TEST_F(Command, DevicesThatAreNotThere) {

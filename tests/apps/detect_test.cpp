@@ -94,10 +94,26 @@ TEST(Detect, NothingToFindIsNotAnError) {
   const cv::Mat flat(240, 320, CV_8UC1, cv::Scalar(100)), none = cv::Mat::zeros(240, 320, CV_32FC1);
   for (const Detector detector : kAll) {
     EXPECT_EQ(detect_features(flat, none, {}, options_of(detector)).size(), 0);
-    EXPECT_EQ(detect_features(noise_image(16, 16), cv::Mat(16, 16, CV_32FC1, cv::Scalar(1)), {}, options_of(detector)).size(),
-              0);
   }
-  EXPECT_EQ(detect_features(flat, cv::Mat(240, 320, CV_32FC1, cv::Scalar(1)), {}, options_of(Detector::shi_tomasi)).size(), 0);
+}
+
+TEST(Detect, WithoutTextureThereIsAGridForTheAlignerToJudge) {
+  const cv::Mat flat(240, 320, CV_8UC1, cv::Scalar(100)), depth(240, 320, CV_32FC1, cv::Scalar(1));
+  const Features grid = detect_features(flat, depth, {}, options_of(Detector::grid)),
+                 corners = detect_features(flat, depth, {}, options_of(Detector::shi_tomasi));
+  EXPECT_EQ(grid.size(), 50);
+  EXPECT_EQ(corners.uv, grid.uv);
+}
+
+TEST(Detect, SmallImagesKeepAQuarterFreeAndStandCloser) {
+  for (const Detector detector : kAll) {
+    const Features f = detect_features(noise_image(16, 16), cv::Mat(16, 16, CV_32FC1, cv::Scalar(1)), {}, options_of(detector));
+    EXPECT_GE(f.size(), 6);
+    for (const Eigen::Vector2d& uv : f.uv) {
+      EXPECT_GE(uv.minCoeff(), 4);
+      EXPECT_LT(uv.maxCoeff(), 12);
+    }
+  }
 }
 
 TEST(Detect, TenThousand) {

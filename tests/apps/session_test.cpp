@@ -274,27 +274,32 @@ TEST(Session, RealPairsMeetTheIssue) {
   const Sequence sequence = load_sequence(folder);
   const auto pairs = make_pairs(sequence, 1);
   ASSERT_EQ(pairs.size(), 4u);
-  for (const bool undistort : {false, true}) {
-    InputOptions options;
-    options.camera = *sequence.camera;
-    if (undistort) options.distortion = parse_distortion("radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633");
-    const PairLoader loader(options);
-    Session session(cpu_options());
-    double degrees = 0, mm = 0;
-    for (int i = 0; i < 4; ++i) {
-      const SequencePair& p = pairs[static_cast<size_t>(i)];
-      const PairInput pair = loader.load({p.reference, p.target, p.depth, ""});
-      const RefinedAlignment result = session.run(pair);
-      EXPECT_TRUE(result.converged()) << i << ": " << result.reason;
-      const PoseError e = pose_error(pair.camera, pair.features, result.T_10, *p.T_10);
-      if (i < 3)
-        degrees += e.e_rot * 180 / M_PI / 3, mm += 1e3 * e.e_transl / 3;
-      else
-        EXPECT_LE(e.e_rot * 180 / M_PI, 0.55);
+  for (const Solver solver : {Solver::cpu, Solver::host, Solver::device})
+    for (const bool undistort : {false, true}) {
+      if (solver != Solver::cpu && !has_device()) continue;
+      SCOPED_TRACE(testing::Message() << "solver " << static_cast<int>(solver) << (undistort ? ", undistorted" : ""));
+      SessionOptions session_options;
+      session_options.solver = solver;
+      InputOptions options;
+      options.camera = *sequence.camera;
+      if (undistort) options.distortion = parse_distortion("radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633");
+      const PairLoader loader(options);
+      Session session(session_options);
+      double degrees = 0, mm = 0;
+      for (int i = 0; i < 4; ++i) {
+        const SequencePair& p = pairs[static_cast<size_t>(i)];
+        const PairInput pair = loader.load({p.reference, p.target, p.depth, ""});
+        const RefinedAlignment result = session.run(pair);
+        EXPECT_TRUE(result.converged()) << i << ": " << result.reason;
+        const PoseError e = pose_error(pair.camera, pair.features, result.T_10, *p.T_10);
+        if (i < 3)
+          degrees += e.e_rot * 180 / M_PI / 3, mm += 1e3 * e.e_transl / 3;
+        else
+          EXPECT_LE(e.e_rot * 180 / M_PI, 0.55);
+      }
+      EXPECT_LE(degrees, undistort ? 0.20 : 0.25);
+      EXPECT_LE(mm, undistort ? 3.5 : 6.5);
     }
-    EXPECT_LE(degrees, undistort ? 0.20 : 0.25);
-    EXPECT_LE(mm, undistort ? 3.5 : 6.5);
-  }
 }
 
 }  // namespace
