@@ -9,12 +9,11 @@ layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const uint FORMAT = ICLK_FORMAT_RGBA8;
 layout(constant_id = 2) const uint LEVELS = 4;
 
-layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
-layout(set = 0, binding = 1, std430) readonly buffer Pixels2 { uvec2 pixels2[]; };
-layout(set = 0, binding = 1, std430) readonly buffer Pixels4 { uvec4 pixels4[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Maps4 { vec4 maps4[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Maps2 { vec2 maps2[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Maps1 { float maps1[]; };
+layout(set = 0, binding = 0, std430) readonly buffer Pixels2 { uvec2 pixels2[]; };
+layout(set = 0, binding = 0, std430) readonly buffer Pixels4 { uvec4 pixels4[]; };
+layout(set = 0, binding = 1, std430) writeonly buffer Maps4 { vec4 maps4[]; };
+layout(set = 0, binding = 1, std430) writeonly buffer Maps2 { vec2 maps2[]; };
+layout(set = 0, binding = 1, std430) writeonly buffer Maps1 { float maps1[]; };
 layout(push_constant) uniform Push { PyramidPush push; };
 
 // Single-channel pixels are level 0 themselves.
@@ -64,8 +63,11 @@ void main() {
   uint last = push.height - 1u;
   uint y = block_y * ICLK_BLOCK;
 
+  // Of levels 0 to 3, in floats. Not from a buffer: loads are dear on lavapipe, and repeated after each store.
+  uvec4 pitch = uvec4(push.blocks_x * ICLK_BLOCK) >> uvec4(0u, 1u, 2u, 3u);
+  uvec4 height = uvec4(push.height) >> uvec4(0u, 1u, 2u, 3u);
   vec4 one[4];
-  uint at0 = out_base + levels[0].map_offset + block_x * 8u;
+  uint at0 = out_base + push.offset_0 + block_x * 8u;
 #define ROW_PAIR(i)                                                                  \
   {                                                                                  \
     uint v0 = y + 2u * i, v1 = v0 + 1u;                                              \
@@ -73,19 +75,19 @@ void main() {
     load_row(in_base + min(v0, last) * in_pitch, a0, b0);                            \
     load_row(in_base + min(v1, last) * in_pitch, a1, b1);                            \
     if (STORE_LEVEL_0 && v0 <= last) {                                                             \
-      uint at = (at0 + v0 * levels[0].pitch) >> 2;                                   \
+      uint at = (at0 + v0 * pitch[0]) >> 2;                                   \
       maps4[at] = a0;                                                                \
       maps4[at + 1] = b0;                                                            \
     }                                                                                \
     if (STORE_LEVEL_0 && v1 <= last) {                                                             \
-      uint at = (at0 + v1 * levels[0].pitch) >> 2;                                   \
+      uint at = (at0 + v1 * pitch[0]) >> 2;                                   \
       maps4[at] = a1;                                                                \
       maps4[at + 1] = b1;                                                            \
     }                                                                                \
     one[i] = halve(a0, b0, a1, b1);                                                  \
     uint v = block_y * 4u + i;                                                       \
-    if (LEVELS > 1 && v < levels[1].height)                                          \
-      maps4[(out_base + levels[1].map_offset + v * levels[1].pitch + block_x * 4u) >> 2] = one[i]; \
+    if (LEVELS > 1 && v < height[1])                                          \
+      maps4[(out_base + push.offset_1 + v * pitch[1] + block_x * 4u) >> 2] = one[i]; \
   }
   ROW_PAIR(0)
   ROW_PAIR(1)
@@ -95,11 +97,11 @@ void main() {
     vec2 two0 = 0.25 * ((one[0].xz + one[0].yw) + (one[1].xz + one[1].yw));
     vec2 two1 = 0.25 * ((one[2].xz + one[2].yw) + (one[3].xz + one[3].yw));
     uint v = block_y * 2u;
-    uint at = out_base + levels[2].map_offset + v * levels[2].pitch + block_x * 2u;
-    if (v < levels[2].height) maps2[at >> 1] = two0;
-    if (v + 1u < levels[2].height) maps2[(at + levels[2].pitch) >> 1] = two1;
-    if (LEVELS > 3 && block_y < levels[3].height)
-      maps1[out_base + levels[3].map_offset + block_y * levels[3].pitch + block_x] =
+    uint at = out_base + push.offset_2 + v * pitch[2] + block_x * 2u;
+    if (v < height[2]) maps2[at >> 1] = two0;
+    if (v + 1u < height[2]) maps2[(at + pitch[2]) >> 1] = two1;
+    if (LEVELS > 3 && block_y < height[3])
+      maps1[out_base + push.offset_3 + block_y * pitch[3] + block_x] =
           0.25 * ((two0.x + two0.y) + (two1.x + two1.y));
   }
 }

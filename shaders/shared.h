@@ -141,7 +141,8 @@ struct ResultPush {
 };
 
 struct PyramidPush {
-  uint width, height;  // of level 0
+  uint height;                                  // of level 0
+  uint offset_0, offset_1, offset_2, offset_3;  // LevelInfo::map_offset
   uint blocks_x;
   uint pixel_stride;  // 32-bit words from an image to the next
   uint map_stride;    // floats from an image's maps to the next

@@ -36,7 +36,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   pyramid = {context,
              {"pyramid",
               pyramid_comp_spv,
-              {storage_read, storage_read, storage_write},
+              {storage_read, storage_write},
               sizeof(PyramidPush),
               {sizes.map, shader_format(plan.format), static_cast<uint32_t>(options.levels)}}};
   halve = {context, {"pyramid", halve_comp_spv, {storage_read, storage_read_write}, sizeof(HalvePush), {sizes.map}}};

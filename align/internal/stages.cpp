@@ -93,15 +93,18 @@ engine::ArenaSize Stages::arena_size(const Kernels& k) {
 void Stages::pyramid(Recorder& recorder, const Buffer& pixels, const Buffer& maps, uint32_t first, uint32_t count) const {
   recorder.stage("pyramid");
   shaders::PyramidPush p{};
-  p.width = layout.levels[0].width;
+  const auto offset = [&](size_t level) { return level < layout.levels.size() ? layout.levels[level].map_offset : 0; };
   p.height = layout.levels[0].height;
+  p.offset_0 = offset(0);
+  p.offset_1 = offset(1);
+  p.offset_2 = offset(2);
+  p.offset_3 = offset(3);
   p.blocks_x = layout.blocks_x;
   p.pixel_stride = layout.pixel_words;
   p.map_stride = layout.map_stride;
   p.first_image = first;
   if (layout.levels.size() > 1 || !layout.level0_in_pixels)
-    recorder.dispatch(kernels.pyramid, {&at(ids.levels), &pixels, &maps}, p,
-                      {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
+    recorder.dispatch(kernels.pyramid, {&pixels, &maps}, p, {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
   for (size_t l = ICLK_FUSED_LEVELS; l < layout.levels.size(); ++l)
     recorder.dispatch(kernels.halve, {&at(ids.levels), &maps},
                       shaders::HalvePush{static_cast<uint32_t>(l), layout.map_stride, first},
