@@ -4,7 +4,7 @@
 // The host lists for every 8x8 block the features that reach into it (align/internal/tiles.h). Each pixel finds its owner in
 // the list of its block, then tells every feature of the list: work in proportion to the features, however they crowd.
 // Output: two words a patch row, whose union has bit i set where pixel i belongs to the feature: a row lies in two blocks.
-// Groups: (ceil(8 tile_stride / local size), references, 1); an invocation is a row of a block.
+// Groups: (n, references, m), n m >= ceil(8 tile_stride / local size); an invocation is a row of a block.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
@@ -61,7 +61,7 @@ void tell(Row row, uint feature) {
 
 void main() {
   uint reference = push.first_reference + gl_WorkGroupID.y;
-  uint index = gl_GlobalInvocationID.x / ICLK_BLOCK;
+  uint index = (gl_WorkGroupID.z * gl_NumWorkGroups.x * gl_WorkGroupSize.x + gl_GlobalInvocationID.x) / ICLK_BLOCK;
   if (index >= references[reference].tile_count) return;
   uvec4 tile = tiles[reference * push.tile_stride + index];
   uint level = tile.y, first = reference * push.entry_stride + tile.z, count = tile.w, last = first + count - 1u;

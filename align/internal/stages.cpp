@@ -126,11 +126,13 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
       recorder.dispatch(kernels.inverse_depth, {&at(ids.levels), &at(ids.mask)}, level_push(l),
                         {groups_for(layout.levels[l].element_count, sizes.map), 1, count});
   } else {
+    constexpr uint32_t most = 32768;  // in x; every device has 65,535
+    const uint32_t groups = groups_for(layout.tile_stride * ICLK_BLOCK, sizes.map);
     recorder.dispatch(
         kernels.mask,
         {&at(ids.levels), &at(ids.references), &at(ids.features), &at(ids.tiles), &at(ids.entries), &at(ids.mask)},
         shaders::MaskPush{first, max_features, layout.element_stride, layout.tile_stride, layout.entry_stride},
-        {groups_for(layout.tile_stride * ICLK_BLOCK, sizes.map), count, 1});
+        {std::min(groups, most), count, groups_for(groups, most)});
   }
   recorder.stage("jacobian");
   // Patches are as many at every level, so that one dispatch serves all levels of a buffer; pixels are not.
