@@ -191,6 +191,7 @@ void main() {
   uint status;
   if (!(sum < 1e30)) status = DIVERGED;
   else if (!(fraction >= push.min_visible) || visible == 0.0) status = LOW_OVERLAP;
+  else if (!textured) status = DEGENERATE;
   else status = judge(pair, variance, correlation);
   if (status == CONVERGED) {
     for (uint i = 0u; i < 36u; ++i) results[pair].covariance[i] = both[i];

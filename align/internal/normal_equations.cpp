@@ -8,19 +8,28 @@
 
 namespace iclk::internal {
 
-double NormalSums::correlation(const Point& at) const {
+NormalSums::Moments NormalSums::moments(const Point& at) const {
   const double n = weight();
-  if (!(n > 0)) return 0;
   // f1 = r + a f0 + b
   const double s0 = H(6, 7), s00 = H(6, 6), sr = g(7), s0r = g(6);
   const double s1 = sr + at.gain * s0 + at.bias * n;
   const double s01 = s0r + at.gain * s00 + at.bias * s0;
   const double s11 =
       cost + 2 * (at.gain * s0r + at.bias * sr) + at.gain * at.gain * s00 + 2 * at.gain * at.bias * s0 + at.bias * at.bias * n;
-  const double v0 = s00 - s0 * s0 / n, v1 = s11 - s1 * s1 / n;
-  const double floor = 1e-9 * n;  // a spread under 3e-5 is rounding, not texture
-  if (!(v0 > floor) || !(v1 > floor)) return 0;
-  return std::clamp((s01 - s0 * s1 / n) / std::sqrt(v0 * v1), -1.0, 1.0);
+  return {s00 - s0 * s0 / n, s11 - s1 * s1 / n, s01 - s0 * s1 / n};
+}
+
+bool NormalSums::textured(const Point& at) const {
+  if (!(weight() > 0)) return false;
+  const Moments m = moments(at);
+  const double floor = 1e-9 * weight();  // a spread under 3e-5 is rounding, not texture
+  return m.v0 > floor && m.v1 > floor;
+}
+
+double NormalSums::correlation(const Point& at) const {
+  if (!textured(at)) return 0;
+  const Moments m = moments(at);
+  return std::clamp(m.v01 / std::sqrt(m.v0 * m.v1), -1.0, 1.0);
 }
 
 std::vector<float> residuals(const Template& pixels, const Map& f1, const Camera& level_camera, const Point& at) {

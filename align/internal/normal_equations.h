@@ -32,6 +32,14 @@ struct NormalSums {
   double mean_cost() const { return weight() > 0 ? cost / weight() : 0; }
   /// Correlation of f0 and the warped f1 over the weighted pixels, from the moments in H and g. 0 where either is constant.
   double correlation(const Point& at) const;
+  /// Whether neither is constant.
+  bool textured(const Point& at) const;
+
+ private:
+  struct Moments {
+    double v0, v1, v01;  // variances and covariance, times the weight
+  };
+  Moments moments(const Point& at) const;
 };
 
 /// Residual of each element at a point; NaN where the pixel is not in the mask or not visible.

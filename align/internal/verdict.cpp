@@ -87,6 +87,8 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
   const double variance = std::max(sums.cost / freedom, ICLK_LEAST_SIGMA * ICLK_LEAST_SIGMA);
   const Evidence evidence = evidence_of(ending, out.H, variance);
   const Vector6d diagonal = evidence.H.diagonal();
+  if (!sums.textured(ending.point))
+    return end(Status::degenerate, "an image is constant where the features are: no texture that would determine the pose");
   if (ending.singular || !(diagonal.minCoeff() > 0))
     return end(Status::degenerate, "the images have no texture that would determine the pose (H is singular)");
   const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();
