@@ -14,7 +14,6 @@
 #include "weights.comp.spv.h"
 
 namespace iclk::internal {
-namespace {
 
 uint32_t shader_format(PixelFormat format) {
   switch (format) {
@@ -25,8 +24,6 @@ uint32_t shader_format(PixelFormat format) {
     default: return ICLK_FORMAT_RGBA8;
   }
 }
-
-}  // namespace
 
 Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
                  const WorkgroupSizes& sizes) {

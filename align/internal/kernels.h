@@ -4,6 +4,9 @@
 
 namespace iclk::internal {
 
+/// ICLK_FORMAT_* of a plan's pixel format.
+uint32_t shader_format(PixelFormat format);
+
 /// The shaders of shaders/, specialised for a plan.
 struct Kernels {
   Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,

@@ -10,7 +10,8 @@ namespace iclk::internal {
 
 /// Where everything of a plan lies in the device's buffers. Pure arithmetic, no device.
 struct Layout {
-  Layout(const Plan& plan, const AlignerOptions& options);
+  /// `learned`: the maps come from a model's encoder, and level 0 is one of them.
+  Layout(const Plan& plan, const AlignerOptions& options, bool learned = false);
 
   std::vector<shaders::LevelInfo> levels;  // finest first
   uint32_t blocks_x = 0, blocks_y = 0;     // 8x8 blocks that cover an image

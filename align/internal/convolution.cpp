@@ -1,0 +1,264 @@
+#include <iclk/align/internal/convolution.h>
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include <iclk/engine/submission.h>
+
+#include "conv_border.comp.spv.h"
+#include "conv_direct.comp.spv.h"
+#include "conv_direct_plain.comp.spv.h"
+#include "winograd2_input.comp.spv.h"
+#include "winograd2_product.comp.spv.h"
+#include "winograd2_product_plain.comp.spv.h"
+#include "winograd4_input.comp.spv.h"
+#include "winograd4_product.comp.spv.h"
+#include "winograd4_product_plain.comp.spv.h"
+
+namespace iclk::internal {
+namespace {
+
+constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
+constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
+
+uint32_t tile_size(ConvVariant variant) { return variant == ConvVariant::winograd4 ? 4 : 2; }
+uint32_t positions(ConvVariant variant) {
+  const uint32_t m = tile_size(variant) + 2;
+  return variant == ConvVariant::direct ? 9 : m * m;
+}
+uint32_t blocks(const ConvLayer& layer) { return engine::groups_for(static_cast<uint32_t>(layer.out), kBlock); }
+uint32_t planes(int channels) { return (static_cast<uint32_t>(channels) + 3) / 4; }
+
+// G of Lavin and Gray, "Fast algorithms for convolutional neural networks".
+constexpr double kG2[4][3] = {{1, 0, 0}, {0.5, 0.5, 0.5}, {0.5, -0.5, 0.5}, {0, 0, 1}};
+constexpr double kG4[6][3] = {{0.25, 0, 0},
+                              {-1.0 / 6, -1.0 / 6, -1.0 / 6},
+                              {-1.0 / 6, 1.0 / 6, -1.0 / 6},
+                              {1.0 / 24, 1.0 / 12, 1.0 / 6},
+                              {1.0 / 24, -1.0 / 12, 1.0 / 6},
+                              {0, 0, 1}};
+
+// The weights of one pair of channels, as many as positions(): columns of the kernel first for `direct`, else G g G^T.
+std::array<float, 36> transformed(const float* g, ConvVariant variant) {
+  std::array<float, 36> out{};
+  if (variant == ConvVariant::direct) {
+    for (size_t ky = 0; ky < 3; ++ky)
+      for (size_t kx = 0; kx < 3; ++kx) out[3 * kx + ky] = g[3 * ky + kx];
+    return out;
+  }
+  const size_t m = tile_size(variant) + 2;
+  const auto* G = variant == ConvVariant::winograd4 ? kG4 : kG2;
+  for (size_t i = 0; i < m; ++i)
+    for (size_t j = 0; j < m; ++j) {
+      double sum = 0;
+      for (size_t y = 0; y < 3; ++y)
+        for (size_t x = 0; x < 3; ++x) sum += G[i][y] * G[j][x] * static_cast<double>(g[3 * y + x]);
+      out[m * i + j] = static_cast<float>(sum);
+    }
+  return out;
+}
+
+// Tiles of all images, and of one sub-grid in x and y.
+struct Tiles {
+  Tiles(const ConvStep& step) {
+    const uint32_t span = tile_size(step.variant) * step.dilation;
+    x = engine::groups_for(step.out.width, span);
+    y = engine::groups_for(step.out.height, span);
+    all = static_cast<uint64_t>(x) * y * step.dilation * step.dilation * step.out.images;
+  }
+  uint32_t x, y;
+  uint64_t all;
+};
+
+uint32_t product_lanes(engine::DeviceType type) { return type == engine::DeviceType::cpu ? 8 : 64; }
+
+}  // namespace
+
+const char* name(ConvVariant variant) {
+  constexpr const char* names[] = {"direct", "winograd2", "winograd4"};
+  return names[static_cast<int>(variant)];
+}
+
+uint64_t TensorLayout::texels() const {
+  const uint64_t beyond = static_cast<uint64_t>(pitch()) * border * (ICLK_CONV_ROWS + 2) + pitch();
+  return offset() + static_cast<uint64_t>(plane()) * planes() * images + beyond;
+}
+
+uint64_t packed_texels(const ConvLayer& layer, ConvVariant variant) {
+  return static_cast<uint64_t>(blocks(layer)) * (static_cast<uint64_t>(positions(variant)) * planes(layer.in) * kBlock + 2);
+}
+
+PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
+  const size_t in = static_cast<size_t>(layer.in), out = static_cast<size_t>(layer.out), n = positions(variant),
+               in_planes = planes(layer.in);
+  const size_t first = data_.size();
+  data_.resize(first + 4 * packed_texels(layer, variant), 0.0f);
+  float* to = data_.data() + first;
+  for (size_t o = 0; o < out; ++o)
+    for (size_t i = 0; i < in; ++i) {
+      const auto values = transformed(&layer.weight[(o * in + i) * 9], variant);
+      const size_t half = o % kBlock / 4;
+      for (size_t p = 0; p < n; ++p) {
+        // The products walk through the planes at each position, the direct convolution through the positions of each plane.
+        const size_t step = variant == ConvVariant::direct ? (i / 4) * n + p : p * in_planes + i / 4;
+        const size_t texel = (o / kBlock * n * in_planes + step) * kBlock + 2 * (i % 4) + half;
+        to[4 * texel + o % 4] = values[p];
+      }
+    }
+  PackedLayer packed;
+  packed.weights = static_cast<uint32_t>(first / 4);
+  packed.bias = packed.weights + static_cast<uint32_t>(blocks(layer) * n * in_planes * kBlock);
+  std::copy(layer.bias.begin(), layer.bias.end(), data_.begin() + static_cast<std::ptrdiff_t>(4ull * packed.bias));
+  return packed;
+}
+
+ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle)
+    : direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
+      product_lanes_(product_lanes(context->info().type)) {
+  using enum engine::BindingKind;
+  const auto uses = [&](ConvVariant variant) { return std::find(used.begin(), used.end(), variant) != used.end(); };
+  border_ = {context, {"encode", conv_border_comp_spv, {storage_write}, sizeof(shaders::BorderPush), {kBorderLanes}}};
+  const auto convolution = [&](std::span<const uint32_t> spirv, uint32_t bytes, uint32_t lanes) {
+    return engine::Kernel(context, {"encode", spirv, {texel_read, texel_read, storage_write}, bytes, {lanes}});
+  };
+  const auto input = [&](std::span<const uint32_t> spirv) {
+    return engine::Kernel(context,
+                          {"encode", spirv, {texel_read, storage_write}, sizeof(shaders::WinogradPush), {kInputLanes}});
+  };
+  const auto choose = [&](std::span<const uint32_t> shared, std::span<const uint32_t> plain) {
+    return shuffle ? shared : plain;
+  };
+  if (uses(ConvVariant::direct))
+    direct_ = convolution(choose(conv_direct_comp_spv, conv_direct_plain_comp_spv), sizeof(shaders::ConvPush), direct_lanes_);
+  if (uses(ConvVariant::winograd2))
+    winograd2_ = {input(winograd2_input_comp_spv),
+                  convolution(choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv),
+                              sizeof(shaders::WinogradPush), product_lanes_)};
+  if (uses(ConvVariant::winograd4))
+    winograd4_ = {input(winograd4_input_comp_spv),
+                  convolution(choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
+                              sizeof(shaders::WinogradPush), product_lanes_)};
+}
+
+uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
+  if (step.variant == ConvVariant::direct) return 0;
+  const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes();
+  const uint64_t group = ICLK_WINOGRAD_TILES * product_lanes(type);
+  const uint64_t wanted = (Tiles(step).all + group - 1) / group * group;
+  return tile * std::clamp(most / tile / group * group, group, wanted);
+}
+
+void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
+                         const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
+  record_border(recorder, step.out, out);
+  if (step.variant == ConvVariant::direct) return record_direct(recorder, step, in, weights, out);
+  const Winograd& kernels = step.variant == ConvVariant::winograd4 ? winograd4_ : winograd2_;
+  const Tiles tiles(step);
+  const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes(),
+                 group = static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * product_lanes_;
+  // Small enough for a CPU's cache, and a multiple of what a workgroup takes.
+  const uint64_t strip = std::min(scratch.size / 16 / tile, (tiles.all + group - 1)) / group * group;
+  shaders::WinogradPush push{};
+  push.width = step.out.width;
+  push.height = step.out.height;
+  push.images = step.out.images;
+  push.dilation = step.dilation;
+  push.in_offset = step.in.offset();
+  push.in_pitch = step.in.pitch();
+  push.in_plane = step.in.plane();
+  push.in_image = step.in.image();
+  push.in_planes = step.in.planes();
+  push.out_offset = step.out.offset();
+  push.out_pitch = step.out.pitch();
+  push.out_plane = step.out.plane();
+  push.out_image = step.out.image();
+  push.out_planes = step.out.planes();
+  push.weights = step.packed.weights;
+  push.bias = step.packed.bias;
+  push.tiles_x = tiles.x;
+  push.tiles_y = tiles.y;
+  push.strip = static_cast<uint32_t>(strip);
+  for (uint64_t first = 0; first < tiles.all; first += strip) {
+    push.first_tile = static_cast<uint32_t>(first);
+    push.tiles = static_cast<uint32_t>(std::min(strip, tiles.all - first));
+    recorder.dispatch(kernels.input, {&in, &scratch}, push, {engine::groups_for(push.tiles, kInputLanes), push.in_planes, 1});
+    recorder.dispatch(
+        kernels.product, {&scratch, &weights, &out}, push,
+        {engine::groups_for(step.out.channels, kBlock), engine::groups_for(push.tiles, static_cast<uint32_t>(group)), 1});
+  }
+}
+
+void ConvKernels::record_direct(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
+                                const engine::Buffer& weights, const engine::Buffer& out) const {
+  shaders::ConvPush push{};
+  push.width = step.out.width;
+  push.height = step.out.height;
+  push.images = step.out.images;
+  push.dilation = step.dilation;
+  push.in_offset = step.in.offset() - step.dilation * (step.in.pitch() + 1);
+  push.in_pitch = step.in.pitch();
+  push.in_plane = step.in.plane();
+  push.in_image = step.in.image();
+  push.in_planes = step.in.planes();
+  push.out_offset = step.out.offset();
+  push.out_pitch = step.out.pitch();
+  push.out_plane = step.out.plane();
+  push.out_image = step.out.image();
+  push.out_planes = step.out.planes();
+  push.weights = step.packed.weights;
+  push.bias = step.packed.bias;
+  const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, ICLK_CONV_ROWS * push.dilation)) * push.dilation;
+  recorder.dispatch(direct_, {&in, &weights, &out}, push,
+                    spread(engine::groups_for(step.out.channels, kBlock), rows * push.width * push.images, direct_lanes_));
+}
+
+void ConvKernels::record_border(engine::Recorder& recorder, const TensorLayout& layout, const engine::Buffer& out) const {
+  shaders::BorderPush push{layout.height, layout.offset(), layout.pitch(), layout.plane(), layout.border};
+  recorder.dispatch(border_, {&out}, push,
+                    {engine::groups_for((layout.height + layout.pitch()) * layout.border, kBorderLanes),
+                     1 + layout.planes() * layout.images, 1});
+}
+
+void ConvKernels::add_to(engine::ArenaSize& size) const {
+  // The activations go to and fro between two buffers.
+  size.add(border_, 2);
+  if (direct_) size.add(direct_, 2);
+  for (const Winograd* w : {&winograd2_, &winograd4_}) {
+    if (!w->input) continue;
+    size.add(w->input, 2);
+    size.add(w->product, 2);
+  }
+}
+
+bool can_shuffle(const engine::DeviceInfo& info) {
+  return info.subgroup_size >= kBlock && (info.subgroup_operations & VK_SUBGROUP_FEATURE_SHUFFLE_BIT) != 0;
+}
+
+engine::Groups spread(uint32_t x, uint64_t count, uint32_t lanes) {
+  const uint64_t groups = (count + lanes - 1) / lanes;
+  constexpr uint64_t most = 32768;  // every device has 65,535
+  const uint64_t y = std::min(groups, most);
+  return {x, static_cast<uint32_t>(y), static_cast<uint32_t>(y ? (groups + y - 1) / y : 0)};
+}
+
+void write_buffer(const std::shared_ptr<const engine::Context>& context, const engine::Buffer& buffer,
+                  std::span<const float> data) {
+  if (data.empty()) return;
+  if (buffer.mapped) {
+    std::memcpy(buffer.mapped, data.data(), data.size_bytes());
+    return;
+  }
+  engine::MemoryPlan plan;
+  const auto id = plan.add("weights staging", data.size_bytes(), engine::MemoryKind::upload, engine::BufferUse::transfer);
+  const engine::Workspace staging(context, plan);
+  std::memcpy(staging[id].mapped, data.data(), data.size_bytes());
+  engine::Submission submission(context);
+  engine::DescriptorArena arena(context, {});
+  engine::Recorder recorder(*context, submission.begin(), arena);
+  recorder.copy(staging[id], buffer, data.size_bytes());
+  submission.end();
+  submission.submit_and_wait();
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,98 @@
+#pragma once
+#include <optional>
+#include <vector>
+
+#include <iclk/align/internal/layout.h>
+#include <iclk/align/model.h>
+#include <iclk/engine/memory.h>
+#include <iclk/engine/recorder.h>
+#include <iclk/shaders/network.h>
+
+namespace iclk::internal {
+
+/// Ways to compute the same 3x3 convolution.
+enum class ConvVariant {
+  direct,     ///< register tile; the fewest bytes
+  winograd2,  ///< F(2x2, 3x3): 16 products for 4 pixels instead of 36
+  winograd4,  ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144; errors of 1e-5 instead of 1e-6
+};
+const char* name(ConvVariant variant);
+
+/// Where the activations of `images` images lie in a texel buffer: NC4HW4, planes with a border of zeros. All in texels.
+struct TensorLayout {
+  uint32_t width = 0, height = 0, channels = 0, images = 1, border = 0;
+
+  uint32_t planes() const { return (channels + 3) / 4; }
+  uint32_t pitch() const { return width + border; }  // the border right of a row is the one left of the next
+  uint32_t plane() const { return pitch() * (height + border); }
+  uint32_t image() const { return plane() * planes(); }
+  uint32_t offset() const { return border * pitch() + border; }  // of pixel (0, 0) of plane 0
+  /// With room for what kernels read beyond, and do not use.
+  uint64_t texels() const;
+};
+
+/// A layer's place in the network's weights, in texels.
+struct PackedLayer {
+  uint32_t weights = 0, bias = 0;
+};
+
+/// Texels that PackedWeights::add() appends.
+uint64_t packed_texels(const ConvLayer& layer, ConvVariant variant);
+
+/// Weights of many layers as the kernels read them: blocks of eight texels (shaders/conv_weights.glsl), channels filled up
+/// with zeros, transformed for Winograd in double precision; then the biases.
+class PackedWeights {
+ public:
+  PackedLayer add(const ConvLayer& layer, ConvVariant variant);
+  const std::vector<float>& data() const { return data_; }
+
+ private:
+  std::vector<float> data_;
+};
+
+/// A convolution that is ready to be recorded.
+struct ConvStep {
+  ConvVariant variant = ConvVariant::direct;
+  TensorLayout in, out;
+  uint32_t dilation = 1;
+  PackedLayer packed;
+};
+
+/// The device's kernels for convolutions of whole maps.
+class ConvKernels {
+ public:
+  /// `shuffle`: see can_shuffle().
+  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle);
+
+  /// Scratch texels that a step asks for on a kind of device; 0: none. At most `most`, unless that is too few for one strip.
+  static uint64_t scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most);
+
+  /// in -> out. `scratch`: texels for the transformed tiles, as many as scratch_texels() says.
+  void record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
+              const engine::Buffer& out, const engine::Buffer& scratch) const;
+  /// Zeroes the border of `out`.
+  void record_border(engine::Recorder& recorder, const TensorLayout& layout, const engine::Buffer& out) const;
+  void add_to(engine::ArenaSize& size) const;
+
+ private:
+  void record_direct(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
+                     const engine::Buffer& out) const;
+
+  uint32_t direct_lanes_, product_lanes_;
+  engine::Kernel border_, direct_;
+  struct Winograd {
+    engine::Kernel input, product;
+  } winograd2_, winograd4_;
+};
+
+/// The device hands values between at least eight lanes of a subgroup in compute shaders.
+bool can_shuffle(const engine::DeviceInfo& info);
+
+/// Workgroups of `lanes` invocations for `count`, spread over y and z behind `x` in x.
+engine::Groups spread(uint32_t x, uint64_t count, uint32_t lanes);
+
+/// Writes to device memory from the host, through a staging buffer of its own where it is not mapped. Blocks.
+void write_buffer(const std::shared_ptr<const engine::Context>& context, const engine::Buffer& buffer,
+                  std::span<const float> data);
+
+}  // namespace iclk::internal

@@ -1,0 +1,180 @@
+#include <iclk/align/internal/encoder.h>
+
+#include <algorithm>
+
+#include <iclk/align/internal/kernels.h>
+
+#include "feature_map.comp.spv.h"
+#include "normalise.comp.spv.h"
+
+namespace iclk::internal {
+namespace {
+
+constexpr uint32_t kLanes = 64;
+constexpr uint64_t kTexel = 16;
+// Activations of one pass: more images at a time fill a large device, and cost memory.
+constexpr uint64_t kPassBytes = 192ull << 20;
+// Transformed tiles of a strip: what a CPU's caches hold; elsewhere enough for all of its cores.
+constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
+
+}  // namespace
+
+ConvVariant usual_variant(const ConvLayer& layer, const TensorLayout&) {
+  return layer.in >= 8 && layer.out >= 8 ? ConvVariant::winograd4 : ConvVariant::direct;
+}
+
+Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
+                 uint32_t most_images, engine::MemoryPlan& memory, const ChooseVariant& choose)
+    : model_(std::move(model)),
+      format_(plan.format),
+      row_pixels_(layout.row_pixels()),
+      pixel_words_(layout.pixel_words),
+      map_stride_(layout.map_stride) {
+  // Activations go to and fro between two buffers; `place` counts them. Borders are those of the layer that reads.
+  uint64_t texels[2] = {0, 0}, weights = 0;
+  TensorLayout now{layout.levels[0].width, layout.levels[0].height, static_cast<uint32_t>(model_->input_channels)};
+  size_t place = 0;
+  const auto take = [&](TensorLayout& tensor) {
+    texels[place % 2] = std::max(texels[place % 2], tensor.texels());
+    ++place;
+  };
+  for (size_t l = 0; l < layout.levels.size(); ++l) {
+    Level level;
+    level.info = layout.levels[l];
+    now.width = level.info.width;
+    now.height = level.info.height;
+    now.border = 1;
+    for (const ConvLayer& layer : model_->encoder[l]) now.border = std::max(now.border, static_cast<uint32_t>(layer.dilation));
+    if (l == 0) input_ = now;
+    take(now);
+    for (const ConvLayer& layer : model_->encoder[l]) {
+      ConvStep step;
+      step.in = now;
+      now.channels = static_cast<uint32_t>(layer.out);
+      step.out = now;
+      step.dilation = static_cast<uint32_t>(layer.dilation);
+      step.variant = choose(layer, step.out);
+      weights += packed_texels(layer, step.variant);
+      level.steps.push_back(step);
+      take(now);
+    }
+    levels_.push_back(std::move(level));
+  }
+  const VkPhysicalDeviceLimits& limits = context.limits();
+  const uint64_t range = std::min<uint64_t>(limits.maxStorageBufferRange / kTexel, limits.maxTexelBufferElements);
+  const uint64_t largest = std::max(texels[0], texels[1]);
+  pass_ = static_cast<uint32_t>(
+      std::clamp<uint64_t>(std::min(kPassBytes / kTexel / (texels[0] + texels[1]), range / largest), 1, most_images));
+  const engine::DeviceType type = context.info().type;
+  const uint64_t strip = std::min(range, (type == engine::DeviceType::cpu ? kStripBytesCpu : kStripBytes) / kTexel);
+  uint64_t scratch = 1;
+  for (Level& level : levels_)
+    for (ConvStep& step : level.steps) {
+      step.in.images = step.out.images = pass_;
+      scratch = std::max(scratch, ConvKernels::scratch_texels(step, type, strip));
+    }
+  const auto add = [&](const char* name, uint64_t count) {
+    return memory.add(name, kTexel * count, engine::MemoryKind::device, engine::BufferUse::storage | engine::BufferUse::texel,
+                      VK_FORMAT_R32G32B32A32_SFLOAT);
+  };
+  activations_[0] = add("activations, even layers", texels[0] * pass_);
+  activations_[1] = add("activations, odd layers", texels[1] * pass_);
+  weights_ = add("encoder weights", weights);
+  scratch_ = add("transformed tiles", scratch);
+}
+
+void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
+  using enum engine::BindingKind;
+  std::vector<ConvVariant> used;
+  PackedWeights packed;
+  for (size_t l = 0; l < levels_.size(); ++l)
+    for (size_t i = 0; i < levels_[l].steps.size(); ++i) {
+      ConvStep& step = levels_[l].steps[i];
+      used.push_back(step.variant);
+      step.packed = packed.add(model_->encoder[l][i], step.variant);
+    }
+  write_buffer(context, memory[weights_], packed.data());
+  normalise_ = {context,
+                {"encode",
+                 normalise_comp_spv,
+                 {storage_read, storage_write},
+                 sizeof(shaders::NormalisePush),
+                 {kLanes, shader_format(format_), static_cast<uint32_t>(model_->input_channels)}}};
+  feature_map_ = {
+      context,
+      {"encode", feature_map_comp_spv, {texel_read, storage_write, storage_write}, sizeof(shaders::FeatureMapPush), {kLanes}}};
+  convolutions_.emplace(context, used, shuffle);
+}
+
+void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
+                     const engine::Buffer& maps, uint32_t first, uint32_t count) const {
+  recorder.stage("encode");
+  for (uint32_t done = 0; done < count; done += pass_)
+    record_pass(recorder, memory, pixels, maps, first + done, std::min(pass_, count - done));
+}
+
+void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
+                          const engine::Buffer& maps, uint32_t first, uint32_t count) const {
+  size_t place = 0;
+  const auto buffer = [&](size_t at) -> const engine::Buffer& { return memory[activations_[at % 2]]; };
+  TensorLayout input = input_;
+  input.images = count;
+  shaders::NormalisePush n{};
+  n.width = input.width;
+  n.height = input.height;
+  n.row_pixels = row_pixels_;
+  n.pixel_stride = pixel_words_;
+  n.first_image = first;
+  n.out_offset = input.offset();
+  n.out_pitch = input.pitch();
+  n.out_image = input.image();
+  for (size_t c = 0; c < 3; ++c) {
+    n.mean[c] = model_->mean[c];
+    n.inverse_std[c] = 1 / model_->std[c];
+  }
+  convolutions_->record_border(recorder, input, buffer(0));
+  recorder.dispatch(normalise_, {&pixels, &buffer(0)}, n, {engine::groups_for(n.width, kLanes), n.height, count});
+  for (size_t l = 0; l < levels_.size(); ++l) {
+    const Level& level = levels_[l];
+    for (ConvStep step : level.steps) {
+      step.in.images = step.out.images = count;
+      convolutions_->record(recorder, step, buffer(place), memory[weights_], buffer(place + 1), memory[scratch_]);
+      ++place;
+    }
+    const TensorLayout& in = level.steps.back().out;
+    shaders::FeatureMapPush p{};
+    p.width = in.width;
+    p.height = in.height;
+    p.in_offset = in.offset();
+    p.in_pitch = in.pitch();
+    p.in_plane = in.plane();
+    p.in_image = in.image();
+    p.in_planes = in.planes();
+    p.map_offset = level.info.map_offset;
+    p.map_pitch = level.info.pitch;
+    p.map_stride = map_stride_;
+    p.first_image = first;
+    p.inverse_channels = 1.0f / static_cast<float>(in.channels);
+    if (l + 1 < levels_.size()) {
+      TensorLayout next = levels_[l + 1].steps.front().in;
+      next.images = count;
+      p.halves = 1;
+      p.out_offset = next.offset();
+      p.out_pitch = next.pitch();
+      p.out_plane = next.plane();
+      p.out_image = next.image();
+      convolutions_->record_border(recorder, next, buffer(place + 1));
+    }
+    recorder.dispatch(feature_map_, {&buffer(place), &maps, &buffer(place + 1)}, p,
+                      {engine::groups_for((p.width + 1) / 2, kLanes), (p.height + 1) / 2, count});
+    ++place;
+  }
+}
+
+void Encoder::add_to(engine::ArenaSize& size, uint32_t sources) const {
+  size.add(normalise_, sources);
+  size.add(feature_map_, 2 * sources);
+  convolutions_->add_to(size);
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,55 @@
+#pragma once
+#include <functional>
+#include <memory>
+
+#include <iclk/align/internal/convolution.h>
+
+namespace iclk::internal {
+
+/// Which variant computes a layer, given where its activations lie. Any answer is right; they differ in time.
+using ChooseVariant = std::function<ConvVariant(const ConvLayer& layer, const TensorLayout& out)>;
+
+/// Without measurements: Winograd where the arithmetic outweighs the transformed tiles that go through memory.
+ConvVariant usual_variant(const ConvLayer& layer, const TensorLayout& out);
+
+/// The encoder of a model on a device: raw pixels -> one map a level, in the layout of the grey pyramid, whose place it takes.
+/// The maps of each image are the same bits in every batch.
+class Encoder {
+ public:
+  /// Arithmetic only: adds its buffers to `memory`. The `layout.levels.size()` finest levels of the model are computed, for up
+  /// to `most_images` images at a time. Precondition: the model has so many levels.
+  Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
+          uint32_t most_images, engine::MemoryPlan& memory, const ChooseVariant& choose = usual_variant);
+
+  /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
+  void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle);
+
+  /// Precondition: load(). Images first .. first + count - 1 of `pixels` to the maps of the same numbers.
+  void record(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
+              const engine::Buffer& maps, uint32_t first, uint32_t count) const;
+
+  /// Room for `sources` pairs of buffers (pixels, maps).
+  void add_to(engine::ArenaSize& size, uint32_t sources) const;
+
+  uint32_t images_per_pass() const { return pass_; }
+
+ private:
+  struct Level {
+    std::vector<ConvStep> steps;
+    shaders::LevelInfo info;
+  };
+  void record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
+                   const engine::Buffer& maps, uint32_t first, uint32_t count) const;
+
+  std::shared_ptr<const Model> model_;
+  PixelFormat format_;
+  uint32_t row_pixels_, pixel_words_, map_stride_;
+  TensorLayout input_;
+  std::vector<Level> levels_;
+  uint32_t pass_ = 1;
+  engine::BufferId activations_[2], weights_, scratch_;
+  engine::Kernel normalise_, feature_map_;
+  std::optional<ConvKernels> convolutions_;
+};
+
+}  // namespace iclk::internal

@@ -1,0 +1,74 @@
+// 3x3 convolution, bias and ELU with a register tile: an invocation makes eight output channels of ICLK_CONV_ROWS pixels of a
+// column, `dilation` apart. The input has a border of zeros, so that no tap is tested.
+// Groups: (blocks of eight output channels, n, m), n m >= positions / local size.
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "network.h"
+layout(local_size_x_id = 0) in;
+layout(set = 0, binding = 0) uniform samplerBuffer activations;
+layout(set = 0, binding = 1) uniform samplerBuffer weights;
+layout(set = 0, binding = 2, std430) writeonly buffer Out { vec4 texels[]; };
+#ifdef PATCHES
+layout(set = 0, binding = 3, std430) readonly buffer Corners { ivec2 corners[]; };
+#endif
+layout(push_constant) uniform Push { ConvPush push; };
+#include "conv_weights.glsl"
+
+#define R ICLK_CONV_ROWS
+
+void main() {
+  int id = int((gl_WorkGroupID.z * gl_NumWorkGroups.y + gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationIndex);
+  int width = int(push.width), height = int(push.height), dilation = int(push.dilation);
+  int span = R * dilation, row_blocks = (height + span - 1) / span * dilation;
+  int positions = int(push.images) * row_blocks * width;
+  bool live = id < positions;
+  id = min(id, positions - 1);  // no lane leaves: it may have weights that others need
+  int block = id / width, x = id - block * width;
+  int image = block / row_blocks;
+  block -= image * row_blocks;
+  int y = (block / dilation) * span + block % dilation;
+
+  int pitch = int(push.in_pitch), step = dilation * pitch;
+  int at = int(push.in_offset) + image * int(push.in_image) + y * pitch + x;
+  int w = int(push.weights + gl_WorkGroupID.x * push.in_planes * 72u);
+  vec4 acc[R][2];
+  [[unroll]] for (int r = 0; r < R; ++r) acc[r][0] = acc[r][1] = vec4(0.0);
+  for (uint c = 0u; c < push.in_planes; ++c) {
+    [[unroll]] for (int kx = 0; kx < 3; ++kx) {
+      vec4 v[R + 2];
+      [[unroll]] for (int r = 0; r < R + 2; ++r) v[r] = texelFetch(activations, at + kx * dilation + r * step);
+      [[unroll]] for (int ky = 0; ky < 3; ++ky) {
+        int block_at = w + (kx * 3 + ky) * 8;
+        LOAD_WEIGHTS(own, block_at)
+        [[unroll]] for (int q = 0; q < 4; ++q) {
+          vec4 lo = WEIGHT(own, block_at, 2 * q), hi = WEIGHT(own, block_at, 2 * q + 1);
+          [[unroll]] for (int r = 0; r < R; ++r) {
+            acc[r][0] += v[r + ky][q] * lo;
+            acc[r][1] += v[r + ky][q] * hi;
+          }
+        }
+      }
+    }
+    at += int(push.in_plane);
+    w += 72;
+  }
+  if (!live) return;
+  int out_at = int(push.out_offset) + image * int(push.out_image) + x;
+#ifdef PATCHES
+  ivec2 first = corners[image] - int(push.margin) + ivec2(x, 0);
+  bool column = first.x >= 0 && first.x < int(push.level_width);
+#endif
+  [[unroll]] for (int h = 0; h < 2; ++h) {
+    uint plane = 2u * gl_WorkGroupID.x + uint(h);
+    if (plane >= push.out_planes) return;
+    vec4 bias = texelFetch(weights, int(push.bias + plane));
+    [[unroll]] for (int r = 0; r < R; ++r) {
+      int v = y + r * dilation;
+      vec4 value = elu(acc[r][h] + bias);
+#ifdef PATCHES
+      if (!column || first.y + v < 0 || first.y + v >= int(push.level_height)) value = vec4(0.0);
+#endif
+      if (v < height) texels[out_at + int(plane * push.out_plane) + v * int(push.out_pitch)] = value;
+    }
+  }
+}

@@ -1,0 +1,39 @@
+#version 460
+// End of an encoder level: the feature map is the mean over the channels; the next level's input is the 2x2 means of each
+// channel, sizes floored. An invocation makes a 2x2 block. Groups: (ceil(ceil(width / 2) / local size), ceil(height / 2), images).
+#extension GL_GOOGLE_include_directive : require
+#include "network.h"
+layout(local_size_x_id = 0) in;
+layout(set = 0, binding = 0) uniform samplerBuffer activations;
+layout(set = 0, binding = 1, std430) writeonly buffer Maps { float maps[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Out { vec4 texels[]; };
+layout(push_constant) uniform Push { FeatureMapPush push; };
+
+float mean(vec4 s) { return ((s.x + s.y) + (s.z + s.w)) * push.inverse_channels; }
+
+void main() {
+  uint x = gl_GlobalInvocationID.x, y = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
+  if (2u * x >= push.width) return;
+  bool right = 2u * x + 1u < push.width, below = 2u * y + 1u < push.height, halves = push.halves != 0u && right && below;
+  int pitch = int(push.in_pitch);
+  int at = int(push.in_offset + image * push.in_image + 2u * y * push.in_pitch + 2u * x);
+  uint to = push.out_offset + image * push.out_image + y * push.out_pitch + x;
+  vec4 sum[4] = vec4[](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
+  for (uint c = 0u; c < push.in_planes; ++c) {
+    // Beyond the last row or column lies the border.
+    vec4 a = texelFetch(activations, at), b = texelFetch(activations, at + 1);
+    vec4 d = texelFetch(activations, at + pitch), e = texelFetch(activations, at + pitch + 1);
+    sum[0] += a;
+    sum[1] += b;
+    sum[2] += d;
+    sum[3] += e;
+    if (halves) texels[to] = 0.25 * ((a + b) + (d + e));
+    at += int(push.in_plane);
+    to += push.out_plane;
+  }
+  uint map = (push.first_image + image) * push.map_stride + push.map_offset + 2u * y * push.map_pitch + 2u * x;
+  maps[map] = mean(sum[0]);
+  if (right) maps[map + 1u] = mean(sum[1]);
+  if (below) maps[map + push.map_pitch] = mean(sum[2]);
+  if (right && below) maps[map + push.map_pitch + 1u] = mean(sum[3]);
+}

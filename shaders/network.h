@@ -1,0 +1,72 @@
+// Constants and push constants of the convolutional network's shaders, declared once for GLSL and C++. Activations are texels
+// of four channels ("planes"), a plane after the other, an image after the other; all numbers of the places are texels.
+#ifndef ICLK_SHADERS_NETWORK_H
+#define ICLK_SHADERS_NETWORK_H
+
+#ifdef __cplusplus
+#include <cstdint>
+namespace iclk::shaders {
+using uint = uint32_t;
+#endif
+
+// Output channels that an invocation makes: eight texels of weights (4 input x 8 output channels) are what eight lanes load
+// and share.
+#define ICLK_CONV_CHANNELS 8
+// Rows that an invocation of conv_direct makes, `dilation` apart.
+#define ICLK_CONV_ROWS 4
+// Tiles that an invocation of winograd_product makes.
+#define ICLK_WINOGRAD_TILES 4
+
+struct NormalisePush {
+  uint width, height;
+  uint row_pixels;    // of the raw pixels
+  uint pixel_stride;  // 32-bit words from an image to the next
+  uint first_image;   // in the pixels
+  uint out_offset, out_pitch, out_image;
+  float mean[3], inverse_std[3];
+};
+
+// Zeroes right of the rows and below the planes, which are those left of the rows and above the next plane as well.
+struct BorderPush {
+  uint height;  // of a plane without its border
+  uint offset, pitch, plane;
+  uint width;  // of the border
+};
+
+struct ConvPush {
+  uint width, height, images;  // of the output
+  uint dilation;
+  uint in_offset;  // of the top left tap of the first pixel
+  uint in_pitch, in_plane, in_image, in_planes;
+  uint out_offset, out_pitch, out_plane, out_image, out_planes;
+  uint weights, bias;  // in the network's weights
+  // Patches: an image is a patch of a level, and what lies outside the level is zero.
+  uint margin;  // the first pixel of the output lies so far before that of the patch
+  uint level_width, level_height;
+};
+
+struct WinogradPush {
+  uint width, height, images;  // of input and output
+  uint dilation;
+  uint in_offset, in_pitch, in_plane, in_image, in_planes;
+  uint out_offset, out_pitch, out_plane, out_image, out_planes;
+  uint weights, bias;
+  uint tiles_x, tiles_y;   // of one of the dilation^2 interleaved sub-grids
+  uint first_tile, tiles;  // of this strip
+  uint strip;              // tiles that the strip has room for
+};
+
+// Mean over the channels to the maps, and 2x2 means to the next level's input.
+struct FeatureMapPush {
+  uint width, height;
+  uint in_offset, in_pitch, in_plane, in_image, in_planes;
+  uint out_offset, out_pitch, out_plane, out_image;
+  uint map_offset, map_pitch, map_stride, first_image;
+  float inverse_channels;
+  uint halves;  // 0: there is no next level
+};
+
+#ifdef __cplusplus
+}  // namespace iclk::shaders
+#endif
+#endif

@@ -1,0 +1,62 @@
+// Winograd F(N x N, 3 x 3), first part: a tile of (N + 2)^2 pixels of one plane -> B^T d B, for the tiles of a strip. Dilation
+// makes interleaved sub-grids with tiles of their own. Output [position][plane][tile].
+// Groups: (ceil(tiles / local size), input planes, 1).
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "network.h"
+layout(local_size_x_id = 0) in;
+layout(set = 0, binding = 0) uniform samplerBuffer activations;
+layout(set = 0, binding = 1, std430) writeonly buffer Out { vec4 transformed[]; };
+layout(push_constant) uniform Push { WinogradPush push; };
+#include "winograd_tile.glsl"
+
+#define M (N + 2)
+
+#if N == 4
+void transform(inout vec4 a, inout vec4 b, inout vec4 c, inout vec4 d, inout vec4 e, inout vec4 f) {
+  vec4 p = e - 4.0 * c, q = d - 4.0 * b, r = e - c, s = 2.0 * (d - b);
+  a = 4.0 * a - 5.0 * c + e;
+  f = 4.0 * b - 5.0 * d + f;
+  b = p + q;
+  c = p - q;
+  d = r + s;
+  e = r - s;
+}
+#define TRANSFORM(m, I) transform(m I(0), m I(1), m I(2), m I(3), m I(4), m I(5));
+#else
+void transform(inout vec4 a, inout vec4 b, inout vec4 c, inout vec4 d) {
+  vec4 p = b + c;
+  a -= c;
+  d = b - d;
+  c -= b;
+  b = p;
+}
+#define TRANSFORM(m, I) transform(m I(0), m I(1), m I(2), m I(3));
+#endif
+
+void main() {
+  uint t = gl_GlobalInvocationID.x, c = gl_WorkGroupID.y;
+  if (t >= push.tiles) return;
+  Tile tile = tile_at(int(push.first_tile + t));
+  int dilation = int(push.dilation), pitch = int(push.in_pitch);
+  int base = int(push.in_offset + c * push.in_plane) + tile.image * int(push.in_image);
+  vec4 m[M][M];
+  [[unroll]] for (int j = 0; j < M; ++j) {
+    int x = tile.x + (j - 1) * dilation;
+    bool column = x >= 0 && x < int(push.width);
+    [[unroll]] for (int i = 0; i < M; ++i) {
+      int y = tile.y + (i - 1) * dilation;
+      bool inside = column && y >= 0 && y < int(push.height);
+      // Texel 0 is of the border. What else a tile at the edge would read depends on what lay there before.
+      m[i][j] = texelFetch(activations, inside ? base + y * pitch + x : 0);
+    }
+#define ROW(i) [i][j]
+    TRANSFORM(m, ROW)
+  }
+  [[unroll]] for (int i = 0; i < M; ++i) {
+#define COLUMN(j) [i][j]
+    TRANSFORM(m, COLUMN)
+    [[unroll]] for (int j = 0; j < M; ++j)
+      transformed[(uint(i * M + j) * push.in_planes + c) * push.strip + t] = m[i][j];
+  }
+}

@@ -1,0 +1,172 @@
+// Every variant of the device's 3x3 convolution against a plain one.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include <iclk/align/internal/convolution.h>
+#include <iclk/engine/submission.h>
+
+#include "device.h"
+
+namespace iclk {
+namespace {
+
+using internal::ConvKernels;
+using internal::ConvStep;
+using internal::ConvVariant;
+using internal::TensorLayout;
+
+struct Shape {
+  uint32_t width, height;
+  int in, out, dilation;
+  uint32_t images = 1;
+};
+void PrintTo(const Shape& s, std::ostream* out) {
+  *out << s.width << "x" << s.height << " " << s.in << "->" << s.out << " dilation " << s.dilation << " images " << s.images;
+}
+
+struct Way {
+  ConvVariant variant;
+  bool shuffle;
+};
+std::string text(const Way& way) { return internal::name(way.variant) + std::string(way.shuffle ? "" : "_plain"); }
+void PrintTo(const Way& way, std::ostream* out) { *out << text(way); }
+
+ConvLayer random_layer(const Shape& s, std::mt19937& random) {
+  std::normal_distribution<float> normal;
+  ConvLayer layer{s.in, s.out, s.dilation, {}, {}};
+  layer.weight.resize(static_cast<size_t>(9 * s.in * s.out));
+  layer.bias.resize(static_cast<size_t>(s.out));
+  for (float& w : layer.weight) w = normal(random) / std::sqrt(9.0f * static_cast<float>(s.in));
+  for (float& b : layer.bias) b = 0.3f * normal(random);
+  return layer;
+}
+
+// Planar channels; zero padding, bias, ELU. Double precision.
+std::vector<double> plain(const Shape& s, const ConvLayer& layer, const float* x) {
+  const int w = static_cast<int>(s.width), h = static_cast<int>(s.height);
+  std::vector<double> out(static_cast<size_t>(w * h * s.out));
+  for (int o = 0; o < s.out; ++o)
+    for (int v = 0; v < h; ++v)
+      for (int u = 0; u < w; ++u) {
+        double sum = layer.bias[static_cast<size_t>(o)];
+        for (int i = 0; i < s.in; ++i)
+          for (int k = 0; k < 9; ++k) {
+            const int y = v + (k / 3 - 1) * s.dilation, x0 = u + (k % 3 - 1) * s.dilation;
+            if (y < 0 || y >= h || x0 < 0 || x0 >= w) continue;
+            sum += static_cast<double>(layer.weight[static_cast<size_t>((o * s.in + i) * 9 + k)]) *
+                   static_cast<double>(x[(i * h + y) * w + x0]);
+          }
+        out[static_cast<size_t>((o * h + v) * w + u)] = sum > 0 ? sum : std::expm1(sum);
+      }
+  return out;
+}
+
+size_t at(const TensorLayout& t, uint32_t image, uint32_t c, uint32_t v, uint32_t u) {
+  return 4 * (t.offset() + static_cast<size_t>(image) * t.image() + (c / 4) * static_cast<size_t>(t.plane()) + v * t.pitch() +
+              u) +
+         c % 4;
+}
+
+class Convolution : public testing::TestWithParam<std::tuple<Way, Shape>> {
+ protected:
+  void SetUp() override { ICLK_NEED_DEVICE(); }
+};
+
+TEST_P(Convolution, IsThePlainOne) {
+  const auto [way, shape] = GetParam();
+  const auto context = test::device();
+  if (way.shuffle && !internal::can_shuffle(context->info())) GTEST_SKIP() << "no subgroup shuffles here";
+  std::mt19937 random(7);
+  const ConvLayer layer = random_layer(shape, random);
+  const uint32_t border = static_cast<uint32_t>(shape.dilation) + 1;  // more than needed is right as well
+  ConvStep step;
+  step.variant = way.variant;
+  step.in = {shape.width, shape.height, static_cast<uint32_t>(shape.in), shape.images, border};
+  step.out = {shape.width, shape.height, static_cast<uint32_t>(shape.out), shape.images, border};
+  step.dilation = static_cast<uint32_t>(shape.dilation);
+  internal::PackedWeights packed;
+  packed.add(layer, way.variant);  // the layer under test lies behind another
+  step.packed = packed.add(layer, way.variant);
+
+  using engine::MemoryKind;
+  const auto use = engine::BufferUse::storage | engine::BufferUse::texel;
+  const auto texel = VK_FORMAT_R32G32B32A32_SFLOAT;
+  engine::MemoryPlan plan;
+  const auto in = plan.add("in", 16 * step.in.texels(), MemoryKind::upload, use, texel);
+  const auto weights = plan.add("weights", 4 * packed.data().size(), MemoryKind::device, use, texel);
+  const auto out = plan.add("out", 16 * step.out.texels(), MemoryKind::readback, use, texel);
+  // Strips of a few tiles, so that there are several.
+  const uint64_t scratch_texels = std::max<uint64_t>(1, ConvKernels::scratch_texels(step, context->info().type, 1 << 14));
+  const auto scratch = plan.add("scratch", 16 * scratch_texels, MemoryKind::device, use, texel);
+  const engine::Workspace memory(context, plan);
+  internal::write_buffer(context, memory[weights], packed.data());
+
+  // Whatever is not written must not matter, in the padding channels of the input neither.
+  std::fill_n(memory[in].as<float>(), memory[in].size / 4, std::numeric_limits<float>::quiet_NaN());
+  std::fill_n(memory[out].as<float>(), memory[out].size / 4, std::numeric_limits<float>::quiet_NaN());
+  const size_t image = static_cast<size_t>(shape.in) * shape.width * shape.height;
+  std::vector<float> x(image * shape.images);
+  std::normal_distribution<float> normal;
+  for (float& value : x) value = normal(random);
+  for (uint32_t n = 0; n < shape.images; ++n)
+    for (uint32_t c = 0; c < 4 * step.in.planes(); ++c)
+      for (uint32_t v = 0; v < shape.height; ++v)
+        for (uint32_t u = 0; u < shape.width; ++u)
+          memory[in].as<float>()[at(step.in, n, c, v, u)] =
+              c < step.in.channels ? x[n * image + (c * shape.height + v) * shape.width + u] : 0.0f;
+
+  const ConvKernels kernels(context, std::span(&way.variant, 1), way.shuffle);
+  engine::ArenaSize size;
+  kernels.add_to(size);
+  engine::DescriptorArena arena(context, size);
+  engine::Submission submission(context);
+  engine::Recorder recorder(*context, submission.begin(), arena);
+  kernels.record_border(recorder, step.in, memory[in]);
+  kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch]);
+  recorder.host_read({&memory[out]});
+  submission.end();
+  submission.submit_and_wait();
+
+  const float* y = memory[out].as<const float>();
+  for (uint32_t n = 0; n < shape.images; ++n) {
+    const auto expected = plain(shape, layer, &x[n * image]);
+    for (uint32_t c = 0; c < 4 * step.out.planes(); ++c)
+      for (uint32_t v = 0; v < shape.height + border; ++v)
+        for (uint32_t u = 0; u < shape.width + border; ++u) {
+          const bool inside = c < step.out.channels && v < shape.height && u < shape.width;
+          const double e = inside ? expected[(c * shape.height + v) * shape.width + u] : 0.0;
+          ASSERT_NEAR(y[at(step.out, n, c, v, u)], e, 1e-4 * std::max(1.0, std::abs(e)))
+              << "image " << n << " channel " << c << " at " << u << ", " << v;
+        }
+  }
+}
+
+constexpr Way kWays[] = {{ConvVariant::direct, true},     {ConvVariant::direct, false},   {ConvVariant::winograd2, true},
+                         {ConvVariant::winograd2, false}, {ConvVariant::winograd4, true}, {ConvVariant::winograd4, false}};
+
+std::string test_name(const testing::TestParamInfo<std::tuple<Way, Shape>>& info) {
+  const auto& [way, s] = info.param;
+  return text(way) + "_" + std::to_string(s.width) + "x" + std::to_string(s.height) + "_" + std::to_string(s.in) + "to" +
+         std::to_string(s.out) + "_d" + std::to_string(s.dilation) + "_n" + std::to_string(s.images);
+}
+
+// The paper's layers, at sizes that leave no tile whole.
+INSTANTIATE_TEST_SUITE_P(
+    Paper, Convolution,
+    testing::Combine(testing::ValuesIn(kWays),
+                     testing::Values(Shape{47, 30, 3, 16, 1}, Shape{47, 30, 16, 32, 2}, Shape{47, 30, 32, 32, 2},
+                                     Shape{23, 15, 32, 64, 1}, Shape{23, 15, 64, 64, 2}, Shape{23, 15, 64, 96, 1},
+                                     Shape{23, 15, 96, 96, 2}, Shape{11, 7, 96, 128, 1}, Shape{11, 7, 128, 128, 2})),
+    test_name);
+INSTANTIATE_TEST_SUITE_P(Odd, Convolution,
+                         testing::Combine(testing::ValuesIn(kWays),
+                                          testing::Values(Shape{1, 1, 1, 1, 1}, Shape{2, 9, 5, 7, 2}, Shape{37, 3, 1, 9, 3},
+                                                          Shape{16, 16, 4, 8, 4}, Shape{13, 11, 6, 13, 7},
+                                                          Shape{19, 13, 5, 12, 2, 3}, Shape{65, 17, 9, 20, 1, 2})),
+                         test_name);
+
+}  // namespace
+}  // namespace iclk
