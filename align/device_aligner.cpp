@@ -14,8 +14,9 @@ using engine::Recorder;
 
 namespace {
 
-const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solver) {
+const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solver, const Model* model) {
   plan.check(options);
+  if (model) internal::check_model(*model, options);
   switch (plan.format) {
     case PixelFormat::r8:
     case PixelFormat::rgba8:
@@ -31,20 +32,21 @@ const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solv
 }  // namespace
 
 DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const Plan& plan_, const AlignerOptions& options_,
-                          Solver solver_)
+                          Solver solver_, const std::shared_ptr<const Model>& model)
     : context(std::move(context_)),
-      plan(checked(plan_, options_, solver_)),
+      plan(checked(plan_, options_, solver_, model.get())),
       options(options_),
       solver(solver_),
-      layout(plan, options),
+      layout(plan, options, model.get()),
       sizes(context->info().type),
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
-      kernels(context, plan, options, sizes),
-      ids(layout, plan, options, solver, sizes, context->unified_memory(), batch),
+      kernels(context, plan, options, layout, sizes),
+      ids(layout, plan, solver, sizes, context->unified_memory(), batch),
+      network(*context, model, layout, plan, batch, ids.plan),
       memory(context, ids.plan),
       run_ids(layout, context->unified_memory(), batch),
       run(context, run_ids.plan),
-      arena(context, internal::Stages::arena_size(kernels)),
+      arena(context, (network.load(context, memory), arena_size())),
       submission(context),
       slots(static_cast<size_t>(plan.max_references)),
       tiles(plan, layout) {
@@ -53,19 +55,23 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
   std::memset(memory[ids.references].mapped, 0, sizeof(shaders::ReferenceInfo) * slots.size());
 }
 
+engine::ArenaSize DeviceAligner::Impl::arena_size() const { return internal::Stages::arena_size(kernels, network); }
+
 DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
-                             Solver solver)
-    : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver)) {}
+                             Solver solver, std::shared_ptr<const Model> model)
+    : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver, model)) {}
 
 DeviceAligner::~DeviceAligner() = default;
 
 engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context, const Plan& plan,
-                                                  const AlignerOptions& options, Solver solver) {
-  checked(plan, options, solver);
-  const internal::Layout layout(plan, options);
+                                                  const AlignerOptions& options, Solver solver,
+                                                  const std::shared_ptr<const Model>& model) {
+  checked(plan, options, solver, model.get());
+  const internal::Layout layout(plan, options, model.get());
   const internal::WorkgroupSizes sizes(context.info().type);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
-  const internal::AlignerBuffers ids(layout, plan, options, solver, sizes, context.unified_memory(), batch);
+  internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
+  const internal::DeviceNetwork network(context, model, layout, plan, batch, ids.plan);
   const internal::RunBuffers run_ids(layout, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);
@@ -246,8 +252,9 @@ const std::vector<engine::StageTime>& DeviceAligner::times() const {
 }
 
 std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
-                                                   const AlignerOptions& options, Solver solver) {
-  return std::make_unique<DeviceAligner>(std::move(context), plan, options, solver);
+                                                   const AlignerOptions& options, Solver solver,
+                                                   std::shared_ptr<const Model> model) {
+  return std::make_unique<DeviceAligner>(std::move(context), plan, options, solver, std::move(model));
 }
 
 }  // namespace iclk

@@ -2,6 +2,7 @@
 #include <variant>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/model.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>
 #include <iclk/engine/timing.h>
@@ -41,12 +42,16 @@ struct DevicePair {
 class DeviceAligner : public Aligner {
  public:
   /// Allocates everything. Throws Error(unsupported) if the plan does not fit the device, with the numbers.
-  DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver);
+  /// With a model its encoder makes the maps, options.levels of its finest levels, and its M-estimator the weights; without,
+  /// they are the grey pyramid's and AlignerOptions::robust's. Throws Error(invalid_argument) for a model that does not fit
+  /// itself or the options.
+  DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
+                std::shared_ptr<const Model> model = nullptr);
   ~DeviceAligner() override;
 
   /// Exactly what the constructor allocates.
   static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
-                                            Solver solver);
+                                            Solver solver, const std::shared_ptr<const Model>& model = nullptr);
 
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
   using Aligner::align;
@@ -78,9 +83,10 @@ class DeviceAligner : public Aligner {
   void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
               std::span<const DevicePair> pairs);
 
-  /// Grey maps on the device, for the refinement, as texel views. Level 0 of slot or pair i begins at texel i * fine_stride of
-  /// fine0 or fine1, levels beyond at i * map_stride + LevelInfo::map_offset of maps0 or maps1. With a single-channel
-  /// Plan::format level 0 is the pixels themselves, else it lies in the maps. Targets are those of the last batch.
+  /// Maps on the device, for the refinement, as texel views. Level 0 of slot or pair i begins at texel i * fine_stride of
+  /// fine0 or fine1, levels beyond at i * map_stride + LevelInfo::map_offset of maps0 or maps1. Without a model and
+  /// with a single-channel Plan::format level 0 is the pixels themselves, else it lies in the maps. Targets are those of the
+  /// last batch.
   struct Maps {
     const engine::Buffer* levels;         ///< shaders::LevelInfo
     const engine::Buffer* references;     ///< shaders::ReferenceInfo a slot
@@ -105,6 +111,7 @@ class DeviceAligner : public Aligner {
 
 /// Precondition: solver is host or device.
 std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
-                                                   const AlignerOptions& options = {}, Solver solver = Solver::host);
+                                                   const AlignerOptions& options = {}, Solver solver = Solver::host,
+                                                   std::shared_ptr<const Model> model = nullptr);
 
 }  // namespace iclk

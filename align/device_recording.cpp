@@ -11,13 +11,13 @@ namespace {
 class DeviceRecording : public DeviceAligner::Recording {
  public:
   DeviceRecording(std::shared_ptr<const engine::Context> context, const internal::Layout& layout,
-                  const internal::Kernels& kernels, const AlignerOptions& options, int max_pairs)
+                  const engine::ArenaSize& arena_size, const AlignerOptions& options, int max_pairs)
       : options(options),
         trace_stride(layout.trace_stride),
         max_pairs(max_pairs),
         run_ids(layout, context->unified_memory(), max_pairs),
         run(context, run_ids.plan),
-        arena(context, internal::Stages::arena_size(kernels)) {}
+        arena(context, arena_size) {}
 
   const engine::Buffer& results() const override { return run[run_ids.results]; }
 
@@ -116,7 +116,7 @@ std::unique_ptr<DeviceAligner::Recording> DeviceAligner::make_recording(int max_
   if (max_pairs < 1 || max_pairs > m.batch)
     throw Error(ErrorCode::invalid_argument,
                 "a recording for " + std::to_string(max_pairs) + " pairs, the plan holds 1 to " + std::to_string(m.batch));
-  return std::make_unique<DeviceRecording>(m.context, m.layout, m.kernels, m.options, max_pairs);
+  return std::make_unique<DeviceRecording>(m.context, m.layout, m.arena_size(), m.options, max_pairs);
 }
 
 void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<const DeviceReference> references,
@@ -157,8 +157,8 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   engine::Recorder recorder(*m.context, commands, recording->arena);
   const VkDeviceSize image_bytes = 4ull * m.layout.pixel_words;
   m.prepare_dirty(recorder);  // keyframes that set_reference() left for the next submission
-  const internal::Stages stages{m.layout, m.plan,   m.options,          m.sizes,       m.kernels,
-                                m.ids,    m.memory, recording->run_ids, recording->run};
+  const internal::Stages stages{m.layout, m.plan,   m.options,          m.sizes,        m.kernels,
+                                m.ids,    m.memory, recording->run_ids, recording->run, m.network};
   for (const DeviceReference& reference : references) {
     auto checks = check_features(reference.features, reference.camera);
     const double mean_q = internal::mean_inverse_depth({{}, reference.camera, reference.features, {}}, checks, false);

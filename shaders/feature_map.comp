@@ -1,6 +1,7 @@
 #version 460
 // End of an encoder level: the feature map is the mean over the channels; the next level's input is the 2x2 means of each
-// channel, sizes floored. An invocation makes a 2x2 block. Groups: (ceil(ceil(width / 2) / local size), ceil(height / 2), images).
+// channel, sizes floored. An invocation makes a 2x2 block.
+// Groups: (ceil(ceil(width / 2) / local size), ceil(height / 2), images).
 #extension GL_GOOGLE_include_directive : require
 #include "network.h"
 layout(local_size_x_id = 0) in;

@@ -66,6 +66,22 @@ struct FeatureMapPush {
   uint halves;  // 0: there is no next level
 };
 
+// Convolutional M-estimator of a level, at the residual with which it starts.
+struct MEstimatorPush {
+  // As in IteratePush:
+  uint level, element_stride, map_stride, weight_stride, flags;
+  uint max_features;
+  uint first_pair;     // of this pass
+  uint inputs_stride;  // texels from a pair's input to the next
+  uint prior_stride;   // floats from a pair's weight maps to the next
+  uint prior_origin;   // LevelInfo::map_offset of the first level that they hold
+  uint coarsest;       // 1: there is no coarser level, its weight is 1
+  // Patches: patch i of the pass is patch i % patches_per_pair of pair first_pair + i / patches_per_pair.
+  uint first_patch, patches, patches_per_pair;
+  uint margin;  // of the network's receptive field around a patch
+  uint dense;   // patches are 8x8 blocks of the level
+};
+
 #ifdef __cplusplus
 }  // namespace iclk::shaders
 #endif

@@ -19,7 +19,8 @@ struct DeviceAligner::Impl {
     bool enough = false;
   };
 
-  Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver);
+  Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
+       const std::shared_ptr<const Model>& model);
 
   std::shared_ptr<const engine::Context> context;
   Plan plan;
@@ -30,6 +31,7 @@ struct DeviceAligner::Impl {
   int batch;
   internal::Kernels kernels;
   internal::AlignerBuffers ids;
+  internal::DeviceNetwork network;
   engine::Workspace memory;
   internal::RunBuffers run_ids;
   engine::Workspace run;
@@ -40,7 +42,8 @@ struct DeviceAligner::Impl {
   internal::TileLists tiles;
   std::vector<engine::StageTime> no_times;
 
-  internal::Stages stages() const { return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run}; }
+  engine::ArenaSize arena_size() const;
+  internal::Stages stages() const { return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network}; }
 
   void check_pairs(std::span<const Pair> pairs) const;
   /// Host data of a slot: camera, features, verdicts. Pixels are another matter.

@@ -26,11 +26,10 @@ uint32_t shader_format(PixelFormat format) {
 }
 
 Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
-                 const WorkgroupSizes& sizes) {
+                 const Layout& layout, const WorkgroupSizes& sizes) {
   using enum engine::BindingKind;
   using namespace shaders;
-  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive,
-                 weighted = options.robust != Robust::unit;
+  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted;
   pyramid = {context,
              {"pyramid",
               pyramid_comp_spv,

@@ -9,7 +9,7 @@ uint32_t shader_format(PixelFormat format);
 
 /// The shaders of shaders/, specialised for a plan.
 struct Kernels {
-  Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
+  Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, const Layout& layout,
           const WorkgroupSizes& sizes);
 
   engine::Kernel pyramid, halve, mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate,

@@ -12,13 +12,14 @@ uint32_t round_up(uint32_t value, uint32_t step) { return (value + step - 1) / s
 
 }  // namespace
 
-Layout::Layout(const Plan& plan, const AlignerOptions& options, bool learned) {
+Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* model) {
   const auto width = static_cast<uint32_t>(plan.width), height = static_cast<uint32_t>(plan.height);
   blocks_x = (width + ICLK_BLOCK - 1) / ICLK_BLOCK;
   blocks_y = (height + ICLK_BLOCK - 1) / ICLK_BLOCK;
   pixel_words = static_cast<uint32_t>(static_cast<uint64_t>(row_pixels()) * height * bytes_per_pixel(plan.format) / 4);
   // A copy of level 0 as floats would be most of what the pyramid writes, and would say nothing new.
-  level0_in_pixels = !learned && (plan.format == PixelFormat::r8 || plan.format == PixelFormat::r32f);
+  weighted = options.robust != Robust::unit || (model && !model->m_estimator.empty());
+  level0_in_pixels = !model && (plan.format == PixelFormat::r8 || plan.format == PixelFormat::r32f);
   for (int l = 0; l < options.levels; ++l) {
     shaders::LevelInfo info{};
     info.width = width >> l;

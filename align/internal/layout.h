@@ -2,7 +2,7 @@
 #include <array>
 #include <vector>
 
-#include <iclk/align/options.h>
+#include <iclk/align/model.h>
 #include <iclk/engine/context.h>
 #include <iclk/shaders/shared.h>
 
@@ -10,13 +10,14 @@ namespace iclk::internal {
 
 /// Where everything of a plan lies in the device's buffers. Pure arithmetic, no device.
 struct Layout {
-  /// `learned`: the maps come from a model's encoder, and level 0 is one of them.
-  Layout(const Plan& plan, const AlignerOptions& options, bool learned = false);
+  /// With a model the maps come from its encoder, and level 0 is one of them.
+  Layout(const Plan& plan, const AlignerOptions& options, const Model* model = nullptr);
 
   std::vector<shaders::LevelInfo> levels;  // finest first
   uint32_t blocks_x = 0, blocks_y = 0;     // 8x8 blocks that cover an image
   uint32_t pixel_words = 0;                // 32-bit words of an image's raw pixels
   uint32_t map_stride = 0;                 // floats of an image's maps
+  bool weighted = false;                   // elements have weights of their own
   bool level0_in_pixels = false;           // level 0 is no map: kernels read the raw pixels through a texel view
   uint32_t element_stride = 0;             // elements of a reference's template, all levels
   uint32_t weight_stride = 0;              // elements of the level that has most

@@ -11,8 +11,8 @@ using engine::groups_for;
 using engine::MemoryKind;
 using engine::Recorder;
 
-AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const AlignerOptions& options, Solver solver,
-                               const WorkgroupSizes& sizes, bool unified_memory, int batch) {
+AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solver, const WorkgroupSizes& sizes,
+                               bool unified_memory, int batch) {
   const auto references_n = static_cast<uint64_t>(p.max_references), pairs_n = static_cast<uint64_t>(batch);
   const auto storage = BufferUse::storage;
   const auto texels = BufferUse::storage | BufferUse::texel;
@@ -37,7 +37,7 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   mask = plan.add("mask", p.dense ? 4 * elements : 8 * (elements / ICLK_PATCH), MemoryKind::device, storage);
   template_a = plan.add("template", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   template_b = plan.add("template gradients", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
-  const bool weighted = options.robust != Robust::unit;
+  const bool weighted = layout.weighted;
   weights = plan.add("weights", weighted ? 4ull * layout.weight_stride * pairs_n : 16, MemoryKind::device, storage);
   residuals = plan.add("residuals", weighted ? 4ull * layout.weight_stride * pairs_n : 16, MemoryKind::device, storage);
   uint64_t groups = 1;
@@ -73,8 +73,9 @@ uint32_t partial_groups(const Layout& layout, const WorkgroupSizes& sizes, int l
   return groups_for(layout.levels[static_cast<size_t>(level)].element_count, sizes.group_elements);
 }
 
-engine::ArenaSize Stages::arena_size(const Kernels& k) {
+engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& network) {
   engine::ArenaSize size;
+  network.add_to(size);
   size.add(k.pyramid, 2);
   size.add(k.halve, 2);
   if (k.mask) size.add(k.mask);
@@ -92,6 +93,7 @@ engine::ArenaSize Stages::arena_size(const Kernels& k) {
 }
 
 void Stages::pyramid(Recorder& recorder, const Buffer& pixels, const Buffer& maps, uint32_t first, uint32_t count) const {
+  if (network.encoder) return network.encoder->record(recorder, memory, pixels, maps, first, count);
   recorder.stage("pyramid");
   shaders::PyramidPush p{};
   const auto offset = [&](size_t level) { return level < layout.levels.size() ? layout.levels[level].map_offset : 0; };
@@ -157,7 +159,7 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
   p.iterations = iterations;
   p.group_elements = sizes.group_elements;
   p.groups = partial_groups(layout, sizes, level);
-  p.flags = flags | (options.robust == Robust::unit ? ICLK_FLAG_UNIT_WEIGHTS : 0u);
+  p.flags = flags | (layout.weighted ? 0u : ICLK_FLAG_UNIT_WEIGHTS);
   p.lambda = static_cast<float>(options.lambda);
   p.step_tolerance = static_cast<float>(options.step_tolerance);
   p.trace_stride = layout.trace_stride;
@@ -166,6 +168,11 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
 }
 
 void Stages::weights(Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const {
+  if (network.m_estimator)
+    return network.m_estimator->record(
+        recorder, memory, level, pairs, flags,
+        {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.features), &at(ids.template_a), &at(ids.maps1),
+         &run[run_ids.states], &at(ids.weights), &at(ids.residuals)});
   if (options.robust == Robust::unit) return;
   const auto p = push(level, 0, flags);
   recorder.stage("residual");

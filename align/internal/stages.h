@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/internal/device_network.h>
 #include <iclk/align/internal/kernels.h>
 #include <iclk/align/internal/verdict.h>
 #include <iclk/engine/memory.h>
@@ -12,8 +13,8 @@ namespace iclk::internal {
 
 /// Buffers of an aligner: images, maps, templates.
 struct AlignerBuffers {
-  AlignerBuffers(const Layout& layout, const Plan& plan, const AlignerOptions& options, Solver solver,
-                 const WorkgroupSizes& sizes, bool unified_memory, int batch);
+  AlignerBuffers(const Layout& layout, const Plan& plan, Solver solver, const WorkgroupSizes& sizes, bool unified_memory,
+                 int batch);
 
   engine::MemoryPlan plan;
   engine::BufferId levels, references, features, tiles, entries, pixels0, pixels1, maps0, maps1, mask, template_a, template_b,
@@ -44,10 +45,11 @@ struct Stages {
   const engine::Workspace& memory;
   const RunBuffers& run_ids;
   const engine::Workspace& run;
+  const DeviceNetwork& network;
 
-  /// Pyramid, mask and Jacobian of the references [first, first + count).
+  /// Maps (grey pyramid or encoder), mask and Jacobian of the references [first, first + count).
   void prepare(engine::Recorder& recorder, uint32_t first, uint32_t count) const;
-  /// Pyramids of the first `count` targets.
+  /// Maps of the first `count` targets.
   void targets(engine::Recorder& recorder, uint32_t count) const;
   /// Residual and weights with which a level starts; nothing with unit weights.
   void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;
@@ -65,7 +67,7 @@ struct Stages {
   const engine::Buffer& map1(int level) const { return at(level == 0 && layout.level0_in_pixels ? ids.pixels1 : ids.maps1); }
 
   /// Room in a descriptor arena for one recording.
-  static engine::ArenaSize arena_size(const Kernels& kernels);
+  static engine::ArenaSize arena_size(const Kernels& kernels, const DeviceNetwork& network);
 
  private:
   void result(engine::Recorder& recorder, uint32_t pairs) const;

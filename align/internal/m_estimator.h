@@ -1,0 +1,49 @@
+#pragma once
+#include <memory>
+
+#include <iclk/align/internal/convolution.h>
+
+namespace iclk::internal {
+
+/// The convolutional M-estimator of a model on a device: weights of the elements of a level at the residual with which it
+/// starts. Computed for 8x8 patches with as much around them as the network sees: the values of the dense computation, for the
+/// pixels that count only. Levels must come coarse to fine.
+class MEstimator {
+ public:
+  /// Arithmetic only: adds its buffers to `memory`. Precondition: the model has an M-estimator, of layers that fit each other.
+  MEstimator(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
+             int batch, engine::MemoryPlan& memory);
+
+  /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
+  void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle);
+
+  /// The aligner's buffers that it reads, and the two that it writes.
+  struct Buffers {
+    const engine::Buffer *levels, *references, *pairs, *features, *template_a, *maps1, *states, *weights, *residuals;
+  };
+  /// Precondition: load(). `flags`: ICLK_FLAG_GIVEN or 0.
+  void record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs, uint32_t flags,
+              const Buffers& buffers) const;
+  void add_to(engine::ArenaSize& size) const;
+
+ private:
+  struct Layer {
+    uint32_t side;  // of its output
+    uint32_t margin, dilation, in_planes, out_channels;
+    PackedLayer packed;
+  };
+  uint32_t patches_per_pair(int level) const;
+  void record_patches(engine::Recorder& recorder, const engine::Workspace& memory, const shaders::MEstimatorPush& push,
+                      const Buffers& buffers) const;
+
+  std::shared_ptr<const Model> model_;
+  std::vector<shaders::LevelInfo> levels_;
+  bool dense_;
+  uint32_t max_features_, element_stride_, map_stride_, weight_stride_, prior_origin_ = 0, prior_stride_ = 0, lanes_;
+  uint32_t margin_ = 0, pairs_per_pass_ = 1, patches_per_chunk_ = 1;
+  std::vector<Layer> layers_;
+  engine::BufferId inputs_, prior_, corners_, weights_, activations_[2];
+  engine::Kernel input_, patch_, convolution_, weight_;
+};
+
+}  // namespace iclk::internal

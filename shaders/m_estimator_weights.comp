@@ -1,0 +1,38 @@
+#version 460
+// End of the M-estimator: sigmoid of its last layer, times the mask of visible pixels, to the weights of the elements and to
+// the map that the next finer level takes as its prior. Groups: (ceil(64 patches / local size), 1, 1).
+#extension GL_GOOGLE_include_directive : require
+#include "shared.h"
+#include "network.h"
+layout(local_size_x_id = 0) in;
+layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
+layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
+layout(set = 0, binding = 2, std430) readonly buffer Corners { ivec2 corners[]; };
+layout(set = 0, binding = 3) uniform samplerBuffer activations;
+layout(set = 0, binding = 4, std430) readonly buffer Residuals { float residuals[]; };
+layout(set = 0, binding = 5, std430) writeonly buffer Weights { float weights[]; };
+layout(set = 0, binding = 6, std430) writeonly buffer Prior { float prior[]; };
+layout(push_constant) uniform Push { MEstimatorPush push; };
+
+void main() {
+  uint id = gl_GlobalInvocationID.x, patch_index = id / ICLK_PATCH_AREA, pixel = id % ICLK_PATCH_AREA;
+  if (patch_index >= push.patches) return;
+  uint number = push.first_patch + patch_index, pass_pair = number / push.patches_per_pair;
+  uint pair = push.first_pair + pass_pair;
+  if (pairs[pair].enabled == 0u) return;
+  LevelInfo info = levels[push.level];
+  uint k = (number - pass_pair * push.patches_per_pair) * ICLK_PATCH_AREA + pixel;
+  ivec2 place = corners[patch_index] + ivec2(pixel % ICLK_PATCH, pixel / ICLK_PATCH);
+  bool inside = place.x >= 0 && place.y >= 0 && place.x < int(info.width) && place.y < int(info.height);
+  if (push.dense != 0u) {
+    if (!inside) return;
+    k = uint(place.y) * info.width + uint(place.x);
+  }
+  uint element = pair * push.weight_stride + k;
+  bool visible = inside && abs(residuals[element]) < 1e38;
+  float x = texelFetch(activations, int(id)).x;
+  float weight = visible ? 1.0 / (1.0 + exp(-x)) : 0.0;
+  weights[element] = weight;
+  if (visible && push.level > 0u)
+    prior[pair * push.prior_stride + info.map_offset - push.prior_origin + uint(place.y) * info.pitch + uint(place.x)] = weight;
+}
