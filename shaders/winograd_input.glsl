@@ -13,10 +13,11 @@ layout(push_constant) uniform Push { WinogradPush push; };
 #define M (N + 2)
 
 #if N == 4
+const float A = ICLK_WINOGRAD_A, B = ICLK_WINOGRAD_B, A2 = A * A, B2 = B * B;
 void transform(inout vec4 a, inout vec4 b, inout vec4 c, inout vec4 d, inout vec4 e, inout vec4 f) {
-  vec4 p = e - 4.0 * c, q = d - 4.0 * b, r = e - c, s = 2.0 * (d - b);
-  a = 4.0 * a - 5.0 * c + e;
-  f = 4.0 * b - 5.0 * d + f;
+  vec4 p = e - B2 * c, q = A * (d - B2 * b), r = e - A2 * c, s = B * (d - A2 * b);
+  a = A2 * B2 * a - (A2 + B2) * c + e;
+  f = A2 * B2 * b - (A2 + B2) * d + f;
   b = p + q;
   c = p - q;
   d = r + s;

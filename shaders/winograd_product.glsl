@@ -15,12 +15,14 @@ layout(push_constant) uniform Push { WinogradPush push; };
 #define M (N + 2)
 #define T ICLK_WINOGRAD_TILES
 
-// Column i of A^T: powers of the points 0, 1, -1, 2, -2 and infinity; of F(2 x 2): 0, 1, -1 and infinity.
+// Column i of A^T: powers of the points 0, A, -A, B, -B and infinity; of F(2 x 2): 0, 1, -1 and infinity.
 vec4 powers(int i) {
-  float x = i == 1 ? 1.0 : i == 2 ? -1.0 : i == 3 ? 2.0 : i == 4 ? -2.0 : 0.0;
 #if N == 4
+  const float A = ICLK_WINOGRAD_A, B = ICLK_WINOGRAD_B;
+  float x = i == 1 ? A : i == 2 ? -A : i == 3 ? B : i == 4 ? -B : 0.0;
   return i == 5 ? vec4(0.0, 0.0, 0.0, 1.0) : vec4(1.0, x, x * x, x * x * x);
 #else
+  float x = i == 1 ? 1.0 : i == 2 ? -1.0 : 0.0;
   return i == 3 ? vec4(0.0, -1.0, 0.0, 0.0) : vec4(1.0, x, 0.0, 0.0);
 #endif
 }

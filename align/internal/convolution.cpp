@@ -32,12 +32,10 @@ uint32_t planes(int channels) { return (static_cast<uint32_t>(channels) + 3) / 4
 
 // G of Lavin and Gray, "Fast algorithms for convolutional neural networks".
 constexpr double kG2[4][3] = {{1, 0, 0}, {0.5, 0.5, 0.5}, {0.5, -0.5, 0.5}, {0, 0, 1}};
-constexpr double kG4[6][3] = {{0.25, 0, 0},
-                              {-1.0 / 6, -1.0 / 6, -1.0 / 6},
-                              {-1.0 / 6, 1.0 / 6, -1.0 / 6},
-                              {1.0 / 24, 1.0 / 12, 1.0 / 6},
-                              {1.0 / 24, -1.0 / 12, 1.0 / 6},
-                              {0, 0, 1}};
+constexpr double kA = ICLK_WINOGRAD_A, kB = ICLK_WINOGRAD_B, kA2 = kA * kA, kB2 = kB * kB;
+constexpr double kNa = 2 * kA2 * (kA2 - kB2), kNb = 2 * kB2 * (kB2 - kA2);
+constexpr double kG4[6][3] = {{1 / (kA2 * kB2), 0, 0},        {1 / kNa, kA / kNa, kA2 / kNa},  {1 / kNa, -kA / kNa, kA2 / kNa},
+                              {1 / kNb, kB / kNb, kB2 / kNb}, {1 / kNb, -kB / kNb, kB2 / kNb}, {0, 0, 1}};
 
 // The weights of one pair of channels, as many as positions(): columns of the kernel first for `direct`, else G g G^T.
 std::array<float, 36> transformed(const float* g, ConvVariant variant) {

@@ -14,7 +14,7 @@ namespace iclk::internal {
 enum class ConvVariant {
   direct,     ///< register tile; the fewest bytes
   winograd2,  ///< F(2x2, 3x3): 16 products for 4 pixels instead of 36
-  winograd4,  ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144; errors of 1e-5 instead of 1e-6
+  winograd4,  ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
 };
 const char* name(ConvVariant variant);
 

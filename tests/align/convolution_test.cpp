@@ -138,7 +138,7 @@ TEST_P(Convolution, IsThePlainOne) {
         for (uint32_t u = 0; u < shape.width + border; ++u) {
           const bool inside = c < step.out.channels && v < shape.height && u < shape.width;
           const double e = inside ? expected[(c * shape.height + v) * shape.width + u] : 0.0;
-          ASSERT_NEAR(y[at(step.out, n, c, v, u)], e, 1e-4 * std::max(1.0, std::abs(e)))
+          ASSERT_NEAR(y[at(step.out, n, c, v, u)], e, 2e-5 * std::max(1.0, std::abs(e)))
               << "image " << n << " channel " << c << " at " << u << ", " << v;
         }
   }

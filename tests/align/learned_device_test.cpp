@@ -76,15 +76,19 @@ TEST_P(LearnedDevice, EveryIteration) {
   DeviceAligner aligner(test::device(), plan_for(golden), paper_options(levels), solver, golden_model(golden, levels));
   aligner.set_reference(0, {golden.view(rgb0), golden.camera(), golden.features(), {}});
   const Alignment a = aligner.align(Pair{0, golden.view(rgb1), {}, {}});
+  const double motion = golden.truth().t.norm();
   ASSERT_EQ(a.levels.size(), static_cast<size_t>(levels));
   for (const LevelTrace& trace : a.levels) {
     ASSERT_EQ(trace.iterations.size(), 10u);
+    // Random weights make coarse maps that hardly differ, and a step is known no better than the residual it comes from.
+    const auto& residual = golden.level(trace.level, "residual_start").data;
+    const double rounding = 1e-6 * largest(golden.level(trace.level, "f0").data) / largest(residual);
     for (size_t i = 0; i < 10; ++i) {
       const SE3 expected =
           Golden::pose(&golden.level(trace.level, "R").data[9 * i], &golden.level(trace.level, "t").data[3 * i]);
-      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), 1e-3 * std::max(1.0, expected.t.norm()))
+      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), (1e-3 + rounding) * motion)
           << "level " << trace.level << " iteration " << i;
-      EXPECT_LT((trace.iterations[i].T_10.R - expected.R).norm(), 1e-3) << "level " << trace.level << " iteration " << i;
+      EXPECT_LT((trace.iterations[i].T_10.R - expected.R).norm(), 1e-4) << "level " << trace.level << " iteration " << i;
     }
   }
 }
@@ -181,21 +185,25 @@ TEST_P(LearnedStages, AgreeWithGolden) {
       ASSERT_NEAR(weights[k], expected, 1e-4) << "level " << level << " at " << pixel[0] << ", " << pixel[1];
       ++seen;
     }
-    EXPECT_GT(seen, 100) << "level " << level;
+    EXPECT_GE(seen, 50) << "level " << level;
 
     internal::NormalSums sums;
     for (uint32_t g = 0; g < internal::partial_groups(layout, sizes, level); ++g) {
       const auto part = internal::unpack_sums(memory[ids.parts].as<const float>() + g * ICLK_SUM_FLOATS);
       sums.H += part.H;
       sums.g += part.g;
+      sums.visible += part.visible;
     }
     const auto &H = golden.level(level, "H_first").data, &g = golden.level(level, "g_first").data;
     for (int i = 0; i < 6; ++i) {
       const double d = std::sqrt(static_cast<double>(H[static_cast<size_t>(7 * i)]));
-      EXPECT_NEAR(sums.g(i), g[static_cast<size_t>(i)], 1e-3 * largest(g)) << "level " << level;
+      // With random weights coarse maps hardly differ: their residual is the rounding of two numbers, g = sum sqrt(w) J
+      // (sqrt(w) r).
+      const double rounding = 4e-7 * largest(g0) * d * std::sqrt(sums.visible);
+      EXPECT_NEAR(sums.g(i), g[static_cast<size_t>(i)], 1e-4 * largest(g) + rounding) << "level " << level;
       for (int j = 0; j < 6; ++j)
         EXPECT_NEAR(sums.H(i, j), H[static_cast<size_t>(6 * i + j)],
-                    1e-3 * d * std::sqrt(static_cast<double>(H[static_cast<size_t>(7 * j)])))
+                    1e-4 * d * std::sqrt(static_cast<double>(H[static_cast<size_t>(7 * j)])))
             << "level " << level;
     }
     start = Golden::pose(&golden.level(level, "R").data[81], &golden.level(level, "t").data[27]);
