@@ -99,6 +99,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   c.owns_device_ = true;
   c.vk_.GetDeviceQueue(device, c.queue_family_, 0, &c.queue_);
   describe(c, capabilities[choice.index]);
+  if (!options.subgroups) c.info_.subgroup_operations = 0;
   make_pipeline_cache(c);
   if (instance->validation())
     c.set_name_ = reinterpret_cast<PFN_vkSetDebugUtilsObjectNameEXT>(

@@ -19,6 +19,7 @@ struct ContextOptions {
   bool validation = false;
   /// Receives what validation has to say. May be called from any thread that uses the context, one call at a time.
   std::function<void(MessageSeverity, const std::string&)> on_message;
+  bool subgroups = true;  ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
 };
 
 /// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is

@@ -1,6 +1,7 @@
 // Every variant of the device's 3x3 convolution against a plain one.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 #include <random>
@@ -9,6 +10,7 @@
 #include <iclk/engine/submission.h>
 
 #include "device.h"
+#include "plain_network.h"
 
 namespace iclk {
 namespace {
@@ -34,36 +36,6 @@ struct Way {
 std::string text(const Way& way) { return internal::name(way.variant) + std::string(way.shuffle ? "" : "_plain"); }
 void PrintTo(const Way& way, std::ostream* out) { *out << text(way); }
 
-ConvLayer random_layer(const Shape& s, std::mt19937& random) {
-  std::normal_distribution<float> normal;
-  ConvLayer layer{s.in, s.out, s.dilation, {}, {}};
-  layer.weight.resize(static_cast<size_t>(9 * s.in * s.out));
-  layer.bias.resize(static_cast<size_t>(s.out));
-  for (float& w : layer.weight) w = normal(random) / std::sqrt(9.0f * static_cast<float>(s.in));
-  for (float& b : layer.bias) b = 0.3f * normal(random);
-  return layer;
-}
-
-// Planar channels; zero padding, bias, ELU. Double precision.
-std::vector<double> plain(const Shape& s, const ConvLayer& layer, const float* x) {
-  const int w = static_cast<int>(s.width), h = static_cast<int>(s.height);
-  std::vector<double> out(static_cast<size_t>(w * h * s.out));
-  for (int o = 0; o < s.out; ++o)
-    for (int v = 0; v < h; ++v)
-      for (int u = 0; u < w; ++u) {
-        double sum = layer.bias[static_cast<size_t>(o)];
-        for (int i = 0; i < s.in; ++i)
-          for (int k = 0; k < 9; ++k) {
-            const int y = v + (k / 3 - 1) * s.dilation, x0 = u + (k % 3 - 1) * s.dilation;
-            if (y < 0 || y >= h || x0 < 0 || x0 >= w) continue;
-            sum += static_cast<double>(layer.weight[static_cast<size_t>((o * s.in + i) * 9 + k)]) *
-                   static_cast<double>(x[(i * h + y) * w + x0]);
-          }
-        out[static_cast<size_t>((o * h + v) * w + u)] = sum > 0 ? sum : std::expm1(sum);
-      }
-  return out;
-}
-
 size_t at(const TensorLayout& t, uint32_t image, uint32_t c, uint32_t v, uint32_t u) {
   return 4 * (t.offset() + static_cast<size_t>(image) * t.image() + (c / 4) * static_cast<size_t>(t.plane()) + v * t.pitch() +
               u) +
@@ -80,7 +52,7 @@ TEST_P(Convolution, IsThePlainOne) {
   const auto context = test::device();
   if (way.shuffle && !internal::can_shuffle(context->info())) GTEST_SKIP() << "no subgroup shuffles here";
   std::mt19937 random(7);
-  const ConvLayer layer = random_layer(shape, random);
+  const ConvLayer layer = test::random_layer(shape.in, shape.out, shape.dilation, random);
   const uint32_t border = static_cast<uint32_t>(shape.dilation) + 1;  // more than needed is right as well
   ConvStep step;
   step.variant = way.variant;
@@ -132,7 +104,9 @@ TEST_P(Convolution, IsThePlainOne) {
 
   const float* y = memory[out].as<const float>();
   for (uint32_t n = 0; n < shape.images; ++n) {
-    const auto expected = plain(shape, layer, &x[n * image]);
+    test::PlainMaps channels(static_cast<int>(shape.width), static_cast<int>(shape.height), shape.in);
+    std::copy_n(&x[n * image], image, channels.data.begin());
+    const auto expected = test::convolve(channels, layer).data;
     for (uint32_t c = 0; c < 4 * step.out.planes(); ++c)
       for (uint32_t v = 0; v < shape.height + border; ++v)
         for (uint32_t u = 0; u < shape.width + border; ++u) {

@@ -13,6 +13,7 @@
 
 #include "device.h"
 #include "learned.h"
+#include "read_back.h"
 
 namespace iclk {
 namespace {
@@ -38,23 +39,6 @@ Plan plan_for(const Golden& golden) {
   plan.max_features = golden.features().size();
   plan.format = PixelFormat::rgba32f;
   return plan;
-}
-
-std::vector<float> read(const engine::Buffer& buffer) {
-  const auto context = test::device();
-  engine::MemoryPlan plan;
-  const auto id = plan.add("read back", buffer.size, engine::MemoryKind::readback, engine::BufferUse::transfer);
-  const engine::Workspace copy(context, plan);
-  engine::DescriptorArena arena(context, {});
-  engine::Submission submission(context);
-  engine::Recorder recorder(*context, submission.begin(), arena);
-  recorder.copy(buffer, copy[id], buffer.size);
-  recorder.host_read({&copy[id]});
-  submission.end();
-  submission.submit_and_wait();
-  std::vector<float> out(buffer.size / 4);
-  std::memcpy(out.data(), copy[id].mapped, out.size() * 4);
-  return out;
 }
 
 double largest(const std::vector<float>& values) {
@@ -165,7 +149,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
     submission.submit_and_wait();
 
     const auto& info = layout.levels[static_cast<size_t>(level)];
-    const auto f0 = read(memory[ids.maps0]), f1 = read(memory[ids.maps1]);
+    const auto f0 = test::read_back(memory[ids.maps0]), f1 = test::read_back(memory[ids.maps1]);
     const auto &g0 = golden.level(level, "f0").data, &g1 = golden.level(level, "f1").data;
     for (uint32_t v = 0; v < info.height; ++v)
       for (uint32_t u = 0; u < info.width; ++u) {
@@ -173,7 +157,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
         ASSERT_NEAR(f1[info.map_offset + v * info.pitch + u], g1[v * info.width + u], 1e-4 * largest(g1)) << level;
       }
 
-    const auto a = read(memory[ids.template_a]), weights = read(memory[ids.weights]);
+    const auto a = test::read_back(memory[ids.template_a]), weights = test::read_back(memory[ids.weights]);
     const auto& weight = golden.level(level, "weight").data;
     int seen = 0;
     for (uint32_t k = 0; k < info.element_count; ++k) {

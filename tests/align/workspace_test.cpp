@@ -1,5 +1,6 @@
 // The memory of an aligner: known beforehand, allocated once.
 #include "host_application.h"
+#include "plain_network.h"
 #include "solvers.h"
 
 namespace iclk::test {
@@ -52,15 +53,17 @@ TEST(Workspace, SizeIsWhatIsAllocatedAndAligningAllocatesNothing) {
   for (Solver solver : {Solver::host, Solver::device})
     for (bool dense : {false, true})
       for (Robust robust : {Robust::unit, Robust::tukey}) {
+        // Unit weights with a model, whose M-estimator gives its own.
+        const std::shared_ptr<const Model> model = robust == Robust::unit ? odd_model() : nullptr;
         Plan plan = plan_for(scene.camera, dense ? 50 : kSplitFeatures);
         plan.dense = dense;
         plan.max_pairs = 3;
         plan.max_references = 2;
         AlignerOptions options;
         options.robust = robust;
-        const MemoryBytes expected = DeviceAligner::workspace_size(*context, plan, options, solver);
+        const MemoryBytes expected = DeviceAligner::workspace_size(*context, plan, options, solver, model);
         Allocations::bytes = 0;
-        DeviceAligner aligner(context, plan, options, solver);
+        DeviceAligner aligner(context, plan, options, solver, model);
         EXPECT_GT(Allocations::bytes, 0u);
         EXPECT_EQ(Allocations::bytes, expected.total());
         Allocations::bytes = 0;
