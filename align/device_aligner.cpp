@@ -32,7 +32,7 @@ const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solv
 }  // namespace
 
 DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const Plan& plan_, const AlignerOptions& options_,
-                          Solver solver_, const std::shared_ptr<const Model>& model)
+                          Solver solver_, const std::shared_ptr<const Model>& model, const Tuning& tuning)
     : context(std::move(context_)),
       plan(checked(plan_, options_, solver_, model.get())),
       options(options_),
@@ -42,7 +42,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
-      network(*context, model, layout, plan, batch, ids.plan),
+      network(*context, model, layout, plan, batch, tuning, ids.plan),
       memory(context, ids.plan),
       run_ids(layout, context->unified_memory(), batch),
       run(context, run_ids.plan),
@@ -58,20 +58,20 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
 engine::ArenaSize DeviceAligner::Impl::arena_size() const { return internal::Stages::arena_size(kernels, network); }
 
 DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
-                             Solver solver, std::shared_ptr<const Model> model)
-    : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver, model)) {}
+                             Solver solver, std::shared_ptr<const Model> model, const Tuning& tuning)
+    : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver, model, tuning)) {}
 
 DeviceAligner::~DeviceAligner() = default;
 
 engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context, const Plan& plan,
                                                   const AlignerOptions& options, Solver solver,
-                                                  const std::shared_ptr<const Model>& model) {
+                                                  const std::shared_ptr<const Model>& model, const Tuning& tuning) {
   checked(plan, options, solver, model.get());
   const internal::Layout layout(plan, options, model.get());
   const internal::WorkgroupSizes sizes(context.info().type);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
-  const internal::DeviceNetwork network(context, model, layout, plan, batch, ids.plan);
+  const internal::DeviceNetwork network(context, model, layout, plan, batch, tuning, ids.plan);
   const internal::RunBuffers run_ids(layout, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);
@@ -253,8 +253,8 @@ const std::vector<engine::StageTime>& DeviceAligner::times() const {
 
 std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
                                                    const AlignerOptions& options, Solver solver,
-                                                   std::shared_ptr<const Model> model) {
-  return std::make_unique<DeviceAligner>(std::move(context), plan, options, solver, std::move(model));
+                                                   std::shared_ptr<const Model> model, const Tuning& tuning) {
+  return std::make_unique<DeviceAligner>(std::move(context), plan, options, solver, std::move(model), tuning);
 }
 
 }  // namespace iclk

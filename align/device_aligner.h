@@ -2,7 +2,7 @@
 #include <variant>
 
 #include <iclk/align/aligner.h>
-#include <iclk/align/model.h>
+#include <iclk/align/tuning.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>
 #include <iclk/engine/timing.h>
@@ -44,14 +44,15 @@ class DeviceAligner : public Aligner {
   /// Allocates everything. Throws Error(unsupported) if the plan does not fit the device, with the numbers.
   /// With a model its encoder makes the maps, options.levels of its finest levels, and its M-estimator the weights; without,
   /// they are the grey pyramid's and AlignerOptions::robust's. Throws Error(invalid_argument) for a model that does not fit
-  /// itself or the options.
+  /// itself or the options. `tuning`: which variant computes which layer (tune()).
   DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
-                std::shared_ptr<const Model> model = nullptr);
+                std::shared_ptr<const Model> model = nullptr, const Tuning& tuning = {});
   ~DeviceAligner() override;
 
   /// Exactly what the constructor allocates.
   static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
-                                            Solver solver, const std::shared_ptr<const Model>& model = nullptr);
+                                            Solver solver, const std::shared_ptr<const Model>& model = nullptr,
+                                            const Tuning& tuning = {});
 
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
   using Aligner::align;
@@ -112,6 +113,6 @@ class DeviceAligner : public Aligner {
 /// Precondition: solver is host or device.
 std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
                                                    const AlignerOptions& options = {}, Solver solver = Solver::host,
-                                                   std::shared_ptr<const Model> model = nullptr);
+                                                   std::shared_ptr<const Model> model = nullptr, const Tuning& tuning = {});
 
 }  // namespace iclk

@@ -20,6 +20,8 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
+// Transformed tiles of a strip: what a CPU's caches hold; elsewhere enough for all of its cores.
+constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
 constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
 
 uint32_t tile_size(ConvVariant variant) { return variant == ConvVariant::winograd4 ? 4 : 2; }
@@ -72,11 +74,6 @@ struct Tiles {
 uint32_t product_lanes(engine::DeviceType type) { return type == engine::DeviceType::cpu ? 8 : 64; }
 
 }  // namespace
-
-const char* name(ConvVariant variant) {
-  constexpr const char* names[] = {"direct", "winograd2", "winograd4"};
-  return names[static_cast<int>(variant)];
-}
 
 uint64_t TensorLayout::texels() const {
   const uint64_t beyond = static_cast<uint64_t>(pitch()) * border * (ICLK_CONV_ROWS + 2) + pitch();
@@ -137,6 +134,14 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
     winograd4_ = {input(winograd4_input_comp_spv),
                   convolution(choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
                               sizeof(shaders::WinogradPush), product_lanes_)};
+}
+
+uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context& context) {
+  const VkPhysicalDeviceLimits& limits = context.limits();
+  const engine::DeviceType type = context.info().type;
+  const uint64_t bytes = type == engine::DeviceType::cpu ? kStripBytesCpu : kStripBytes;
+  return scratch_texels(step, type,
+                        std::min<uint64_t>({bytes, limits.maxStorageBufferRange, limits.maxTexelBufferElements * 16ull}) / 16);
 }
 
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
@@ -227,6 +232,17 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
     size.add(w->input, 2);
     size.add(w->product, 2);
   }
+}
+
+uint64_t conv_shader_hash() {
+  uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
+  const std::span<const uint32_t> all[] = {
+      conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd2_input_comp_spv,
+      winograd2_product_comp_spv, winograd2_product_plain_comp_spv, winograd4_input_comp_spv,
+      winograd4_product_comp_spv, winograd4_product_plain_comp_spv};
+  for (const auto& words : all)
+    for (uint32_t word : words) hash = (hash ^ word) * 0x100000001b3u;
+  return hash;
 }
 
 bool can_shuffle(const engine::DeviceInfo& info) {

@@ -3,20 +3,12 @@
 #include <vector>
 
 #include <iclk/align/internal/layout.h>
-#include <iclk/align/model.h>
+#include <iclk/align/tuning.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>
 #include <iclk/shaders/network.h>
 
 namespace iclk::internal {
-
-/// Ways to compute the same 3x3 convolution.
-enum class ConvVariant {
-  direct,     ///< register tile; the fewest bytes
-  winograd2,  ///< F(2x2, 3x3): 16 products for 4 pixels instead of 36
-  winograd4,  ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
-};
-const char* name(ConvVariant variant);
 
 /// Where the activations of `images` images lie in a texel buffer: NC4HW4, planes with a border of zeros. All in texels.
 struct TensorLayout {
@@ -64,7 +56,10 @@ class ConvKernels {
   /// `shuffle`: see can_shuffle().
   ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle);
 
-  /// Scratch texels that a step asks for on a kind of device; 0: none. At most `most`, unless that is too few for one strip.
+  /// Scratch texels that a step asks for on a device; 0: none. More than one strip of tiles where they are fewer than a
+  /// CPU's caches hold, or fill a large device.
+  static uint64_t scratch_texels(const ConvStep& step, const engine::Context& context);
+  /// The same with at most `most` texels, unless that is too few for one strip.
   static uint64_t scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most);
 
   /// in -> out. `scratch`: texels for the transformed tiles, as many as scratch_texels() says.
@@ -84,6 +79,9 @@ class ConvKernels {
     engine::Kernel input, product;
   } winograd2_, winograd4_;
 };
+
+/// Of the SPIR-V that convolutions run.
+uint64_t conv_shader_hash();
 
 /// The device hands values between at least eight lanes of a subgroup in compute shaders.
 bool can_shuffle(const engine::DeviceInfo& info);

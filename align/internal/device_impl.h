@@ -20,7 +20,7 @@ struct DeviceAligner::Impl {
   };
 
   Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
-       const std::shared_ptr<const Model>& model);
+       const std::shared_ptr<const Model>& model, const Tuning& tuning);
 
   std::shared_ptr<const engine::Context> context;
   Plan plan;

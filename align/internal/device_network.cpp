@@ -56,9 +56,9 @@ void check_model(const Model& model, const AlignerOptions& options) {
 }
 
 DeviceNetwork::DeviceNetwork(const engine::Context& context, const std::shared_ptr<const Model>& model, const Layout& layout,
-                             const Plan& plan, int batch, engine::MemoryPlan& memory) {
+                             const Plan& plan, int batch, const Tuning& tuning, engine::MemoryPlan& memory) {
   if (!model) return;
-  encoder.emplace(context, model, layout, plan, static_cast<uint32_t>(std::max(batch, plan.max_references)), memory);
+  encoder.emplace(context, model, layout, plan, static_cast<uint32_t>(std::max(batch, plan.max_references)), memory, tuning);
   if (!model->m_estimator.empty()) m_estimator.emplace(context, model, layout, plan, batch, memory);
 }
 

@@ -14,7 +14,7 @@ void check_model(const Model& model, const AlignerOptions& options);
 struct DeviceNetwork {
   /// Arithmetic only: adds its buffers to `memory`. Precondition: check_model().
   DeviceNetwork(const engine::Context& context, const std::shared_ptr<const Model>& model, const Layout& layout,
-                const Plan& plan, int batch, engine::MemoryPlan& memory);
+                const Plan& plan, int batch, const Tuning& tuning, engine::MemoryPlan& memory);
 
   /// Kernels and weights. Once, with a workspace of that plan.
   void load(const std::shared_ptr<const engine::Context>& context, const engine::Workspace& memory);

@@ -14,17 +14,11 @@ constexpr uint32_t kLanes = 64;
 constexpr uint64_t kTexel = 16;
 // Activations of one pass: more images at a time fill a large device, and cost memory.
 constexpr uint64_t kPassBytes = 192ull << 20;
-// Transformed tiles of a strip: what a CPU's caches hold; elsewhere enough for all of its cores.
-constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
 
 }  // namespace
 
-ConvVariant usual_variant(const ConvLayer& layer, const TensorLayout&) {
-  return layer.in >= 8 && layer.out >= 8 ? ConvVariant::winograd4 : ConvVariant::direct;
-}
-
 Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-                 uint32_t most_images, engine::MemoryPlan& memory, const ChooseVariant& choose)
+                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning)
     : model_(std::move(model)),
       format_(plan.format),
       row_pixels_(layout.row_pixels()),
@@ -53,7 +47,8 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       now.channels = static_cast<uint32_t>(layer.out);
       step.out = now;
       step.dilation = static_cast<uint32_t>(layer.dilation);
-      step.variant = choose(layer, step.out);
+      step.variant =
+          tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(now.width), static_cast<int>(now.height)});
       weights += packed_texels(layer, step.variant);
       level.steps.push_back(step);
       take(now);
@@ -65,13 +60,11 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   const uint64_t largest = std::max(texels[0], texels[1]);
   pass_ = static_cast<uint32_t>(
       std::clamp<uint64_t>(std::min(kPassBytes / kTexel / (texels[0] + texels[1]), range / largest), 1, most_images));
-  const engine::DeviceType type = context.info().type;
-  const uint64_t strip = std::min(range, (type == engine::DeviceType::cpu ? kStripBytesCpu : kStripBytes) / kTexel);
   uint64_t scratch = 1;
   for (Level& level : levels_)
     for (ConvStep& step : level.steps) {
       step.in.images = step.out.images = pass_;
-      scratch = std::max(scratch, ConvKernels::scratch_texels(step, type, strip));
+      scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
     }
   const auto add = [&](const char* name, uint64_t count) {
     return memory.add(name, kTexel * count, engine::MemoryKind::device, engine::BufferUse::storage | engine::BufferUse::texel,

@@ -1,16 +1,9 @@
 #pragma once
-#include <functional>
 #include <memory>
 
 #include <iclk/align/internal/convolution.h>
 
 namespace iclk::internal {
-
-/// Which variant computes a layer, given where its activations lie. Any answer is right; they differ in time.
-using ChooseVariant = std::function<ConvVariant(const ConvLayer& layer, const TensorLayout& out)>;
-
-/// Without measurements: Winograd where the arithmetic outweighs the transformed tiles that go through memory.
-ConvVariant usual_variant(const ConvLayer& layer, const TensorLayout& out);
 
 /// The encoder of a model on a device: raw pixels -> one map a level, in the layout of the grey pyramid, whose place it takes.
 /// The maps of each image are the same bits in every batch.
@@ -19,7 +12,7 @@ class Encoder {
   /// Arithmetic only: adds its buffers to `memory`. The `layout.levels.size()` finest levels of the model are computed, for up
   /// to `most_images` images at a time. Precondition: the model has so many levels.
   Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-          uint32_t most_images, engine::MemoryPlan& memory, const ChooseVariant& choose = usual_variant);
+          uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning = {});
 
   /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle);

@@ -17,7 +17,6 @@ namespace {
 
 using internal::ConvKernels;
 using internal::ConvStep;
-using internal::ConvVariant;
 using internal::TensorLayout;
 
 struct Shape {
@@ -33,7 +32,7 @@ struct Way {
   ConvVariant variant;
   bool shuffle;
 };
-std::string text(const Way& way) { return internal::name(way.variant) + std::string(way.shuffle ? "" : "_plain"); }
+std::string text(const Way& way) { return name(way.variant) + std::string(way.shuffle ? "" : "_plain"); }
 void PrintTo(const Way& way, std::ostream* out) { *out << text(way); }
 
 size_t at(const TensorLayout& t, uint32_t image, uint32_t c, uint32_t v, uint32_t u) {

@@ -13,8 +13,6 @@
 namespace iclk {
 namespace {
 
-using internal::ConvVariant;
-
 struct Case {
   ConvVariant variant;
   bool shuffle;
@@ -23,9 +21,9 @@ struct Case {
   int width, height, levels;
 };
 std::string text(const Case& c) {
-  return internal::name(c.variant) + std::string(c.shuffle ? "" : "_plain") + "_format" +
-         std::to_string(static_cast<int>(c.format)) + "_" + std::to_string(c.input_channels) + "channels_" +
-         std::to_string(c.width) + "x" + std::to_string(c.height) + "_" + std::to_string(c.levels) + "levels";
+  return name(c.variant) + std::string(c.shuffle ? "" : "_plain") + "_format" + std::to_string(static_cast<int>(c.format)) +
+         "_" + std::to_string(c.input_channels) + "channels_" + std::to_string(c.width) + "x" + std::to_string(c.height) + "_" +
+         std::to_string(c.levels) + "levels";
 }
 void PrintTo(const Case& c, std::ostream* out) { *out << text(c); }
 
@@ -43,8 +41,9 @@ class EncoderDevice : public testing::TestWithParam<Case> {
     const auto pixels = memory_plan.add("pixels", image_bytes * n, engine::MemoryKind::upload, engine::BufferUse::storage);
     const auto maps = memory_plan.add("maps", 4ull * layout->map_stride * n, engine::MemoryKind::device,
                                       engine::BufferUse::storage | engine::BufferUse::texel, VK_FORMAT_R32_SFLOAT);
-    internal::Encoder encoder(*context, model, *layout, plan, pass, memory_plan,
-                              [&](const ConvLayer&, const internal::TensorLayout&) { return c.variant; });
+    Tuning tuning;
+    for (const ConvShape& shape : encoder_shapes(*model, c.width, c.height, c.levels)) tuning.variants[shape] = c.variant;
+    internal::Encoder encoder(*context, model, *layout, plan, pass, memory_plan, tuning);
     EXPECT_EQ(encoder.images_per_pass(), pass);
     const engine::Workspace memory(context, memory_plan);
     encoder.load(context, memory, c.shuffle);

@@ -103,7 +103,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const internal::WorkgroupSizes sizes(context->info().type);
   const internal::Kernels kernels(context, plan, options, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
-  internal::DeviceNetwork network(*context, model, layout, plan, 1, ids.plan);
+  internal::DeviceNetwork network(*context, model, layout, plan, 1, {}, ids.plan);
   const engine::Workspace memory(context, ids.plan);
   if (!memory[ids.pixels0].mapped) GTEST_SKIP() << "device memory is not mapped here";
   network.load(context, memory);

@@ -1,0 +1,158 @@
+#include <iclk/align/tuning.h>
+
+#include <algorithm>
+#include <charconv>
+#include <chrono>
+#include <set>
+#include <sstream>
+
+#include <iclk/align/internal/convolution.h>
+#include <iclk/engine/submission.h>
+
+namespace iclk {
+namespace {
+
+constexpr std::string_view kHeader = "iclk-tuning 1";
+constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4};
+
+std::optional<ConvVariant> variant_of(std::string_view word) {
+  for (ConvVariant variant : kVariants)
+    if (word == name(variant)) return variant;
+  return {};
+}
+
+std::string checksum(std::string_view text) {
+  uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
+  for (char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  std::ostringstream out;
+  out << std::hex << hash;
+  return out.str();
+}
+
+// Seconds of the fastest of a few runs; the first one, which compiles, does not count.
+double seconds(engine::Submission& submission) {
+  submission.submit_and_wait();
+  double best = 1e30;
+  for (int run = 0; run < 3; ++run) {
+    const auto begin = std::chrono::steady_clock::now();
+    submission.submit_and_wait();
+    best = std::min(best, std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+  }
+  return best;
+}
+
+double measure(const std::shared_ptr<const engine::Context>& context, const internal::ConvKernels& kernels,
+               const ConvShape& shape, ConvVariant variant) {
+  internal::ConvStep step;
+  step.variant = variant;
+  step.dilation = static_cast<uint32_t>(shape.dilation);
+  step.in = {static_cast<uint32_t>(shape.width), static_cast<uint32_t>(shape.height), static_cast<uint32_t>(shape.in), 1,
+             step.dilation};
+  step.out = step.in;
+  step.out.channels = static_cast<uint32_t>(shape.out);
+  const size_t in = static_cast<size_t>(shape.in), out = static_cast<size_t>(shape.out);
+  const ConvLayer layer{shape.in, shape.out, shape.dilation, std::vector<float>(9 * in * out, 1e-3f),
+                        std::vector<float>(out, 0.1f)};
+  internal::PackedWeights packed;
+  step.packed = packed.add(layer, variant);
+  engine::MemoryPlan plan;
+  const auto add = [&](const char* what, uint64_t texels) {
+    return plan.add(what, 16 * texels, engine::MemoryKind::device, engine::BufferUse::storage | engine::BufferUse::texel,
+                    VK_FORMAT_R32G32B32A32_SFLOAT);
+  };
+  const auto x = add("tuning: input", step.in.texels()), y = add("tuning: output", step.out.texels()),
+             w = add("tuning: weights", packed.data().size() / 4),
+             scratch = add("tuning: tiles", std::max<uint64_t>(1, internal::ConvKernels::scratch_texels(step, *context)));
+  const engine::Workspace memory(context, plan);
+  internal::write_buffer(context, memory[w], packed.data());
+  engine::ArenaSize size;
+  kernels.add_to(size);
+  engine::DescriptorArena arena(context, size);
+  engine::Submission fill(context), submission(context);
+  {
+    engine::Recorder recorder(*context, fill.begin(), arena);
+    recorder.fill(memory[x], 0x3f000000u);  // denormals and NaN have times of their own
+    fill.end();
+    fill.submit_and_wait();
+  }
+  engine::Recorder recorder(*context, submission.begin(), arena);
+  kernels.record(recorder, step, memory[x], memory[w], memory[y], memory[scratch]);
+  submission.end();
+  return seconds(submission);
+}
+
+}  // namespace
+
+const char* name(ConvVariant variant) {
+  constexpr const char* names[] = {"direct", "winograd2", "winograd4"};
+  return names[static_cast<int>(variant)];
+}
+
+ConvVariant Tuning::choose(const ConvShape& shape) const {
+  if (const auto found = variants.find(shape); found != variants.end()) return found->second;
+  return shape.in >= 8 && shape.out >= 8 ? ConvVariant::winograd4 : ConvVariant::direct;
+}
+
+std::string Tuning::text(std::string_view key) const {
+  std::ostringstream out;
+  out << kHeader << "\n" << key << "\n" << variants.size() << "\n";
+  for (const auto& [s, variant] : variants)
+    out << s.in << " " << s.out << " " << s.dilation << " " << s.width << " " << s.height << " " << name(variant) << "\n";
+  const std::string body = out.str();
+  return body + checksum(body) + "\n";
+}
+
+std::optional<Tuning> Tuning::parse(std::string_view text, std::string_view key) {
+  std::istringstream in{std::string(text)};
+  std::string line, word;
+  if (!std::getline(in, line) || line != kHeader || !std::getline(in, line) || line != key) return {};
+  Tuning tuning;
+  size_t count = 0;
+  if (!(in >> count)) return {};
+  for (size_t i = 0; i < count; ++i) {
+    ConvShape s;
+    if (!(in >> s.in >> s.out >> s.dilation >> s.width >> s.height >> word)) return {};
+    const auto variant = variant_of(word);
+    if (!variant) return {};
+    tuning.variants[s] = *variant;
+  }
+  if (tuning.text(key) != text) return {};  // the checksum, and anything after it
+  return tuning;
+}
+
+std::string tuning_key(const engine::Context& context) {
+  std::ostringstream out;
+  out << engine::uuid_text(context.info().uuid) << "-" << std::hex << context.info().driver_version << "-"
+      << internal::conv_shader_hash() << (internal::can_shuffle(context.info()) ? "" : "-plain");
+  return out.str();
+}
+
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels) {
+  std::set<ConvShape> shapes;
+  for (int l = 0; l < levels && l < model.levels(); ++l)
+    for (const ConvLayer& layer : model.encoder[static_cast<size_t>(l)])
+      shapes.insert({layer.in, layer.out, layer.dilation, width >> l, height >> l});
+  return {shapes.begin(), shapes.end()};
+}
+
+Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes, Tuning known,
+            const std::function<void(int, int)>& progress) {
+  std::vector<ConvShape> missing;
+  for (const ConvShape& shape : shapes)
+    if (!known.variants.contains(shape)) missing.push_back(shape);
+  if (missing.empty()) return known;
+  const internal::ConvKernels kernels(context, kVariants, internal::can_shuffle(context->info()));
+  for (size_t i = 0; i < missing.size(); ++i) {
+    if (progress) progress(static_cast<int>(i), static_cast<int>(missing.size()));
+    double best = 1e30;
+    for (ConvVariant variant : kVariants) {
+      const double time = measure(context, kernels, missing[i], variant);
+      if (time >= best) continue;
+      best = time;
+      known.variants[missing[i]] = variant;
+    }
+  }
+  return known;
+}
+
+}  // namespace iclk

@@ -1,0 +1,54 @@
+#pragma once
+#include <compare>
+#include <functional>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include <iclk/align/model.h>
+#include <iclk/engine/context.h>
+
+namespace iclk {
+
+/// Ways to compute the same 3x3 convolution.
+enum class ConvVariant {
+  direct,     ///< register tile; the fewest bytes
+  winograd2,  ///< F(2x2, 3x3): 16 products for 4 pixels instead of 36
+  winograd4,  ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
+};
+const char* name(ConvVariant variant);
+
+/// A layer of an encoder at the size of its level, pixels.
+struct ConvShape {
+  int in = 0, out = 0, dilation = 1, width = 0, height = 0;
+  auto operator<=>(const ConvShape&) const = default;
+};
+
+/// Which variant is the fastest for which layer on one device. Any choice is right to rounding; they differ in time and memory.
+struct Tuning {
+  std::map<ConvShape, ConvVariant> variants;
+
+  /// What was measured, else the usual choice: Winograd F(4x4) where a layer has channels enough.
+  ConvVariant choose(const ConvShape& shape) const;
+
+  /// For a cache file: `key`, one line a layer, a checksum.
+  std::string text(std::string_view key) const;
+  /// Nothing if the text is not exactly what text(key) wrote: damaged, of another version, another device.
+  static std::optional<Tuning> parse(std::string_view text, std::string_view key);
+};
+
+/// Names what measurements depend on: the device's UUID, the driver's version and the shaders. Of letters, digits and dashes.
+std::string tuning_key(const engine::Context& context);
+
+/// Layers that `levels` levels of a model's encoder have at an image size, each once.
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels);
+
+/// Adds the layers that `known` lacks, by measuring every variant on the device: seconds on a CPU, and the memory of one layer.
+/// `progress`, if given, is called before each layer with its number and how many there are. Throws Error(unsupported),
+/// Error(out_of_memory), Error(device_lost).
+Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes, Tuning known = {},
+            const std::function<void(int layer, int layers)>& progress = {});
+
+}  // namespace iclk

@@ -1,0 +1,83 @@
+// Measured choices of convolution variants, and the text in which they are remembered.
+#include <gtest/gtest.h>
+
+#include <iclk/align/tuning.h>
+
+#include "device.h"
+#include "plain_network.h"
+
+namespace iclk {
+namespace {
+
+Tuning example() {
+  Tuning tuning;
+  tuning.variants[{16, 32, 2, 752, 480}] = ConvVariant::winograd2;
+  tuning.variants[{3, 16, 1, 752, 480}] = ConvVariant::direct;
+  tuning.variants[{128, 128, 2, 94, 60}] = ConvVariant::winograd4;
+  return tuning;
+}
+
+TEST(Tuning, TextIsReadBack) {
+  const std::string text = example().text("device-1-abc");
+  const auto read = Tuning::parse(text, "device-1-abc");
+  ASSERT_TRUE(read);
+  EXPECT_EQ(read->variants, example().variants);
+  EXPECT_TRUE(Tuning::parse(Tuning{}.text("k"), "k"));
+}
+
+TEST(Tuning, WhatIsDamagedOrForeignIsNothing) {
+  const std::string key = "device-1-abc", text = example().text(key);
+  EXPECT_FALSE(Tuning::parse(text, "device-2-abc"));
+  EXPECT_FALSE(Tuning::parse("", key));
+  for (size_t length = 0; length < text.size(); ++length) EXPECT_FALSE(Tuning::parse(text.substr(0, length), key)) << length;
+  for (size_t at = 0; at < text.size(); ++at)
+    for (char c : {'\0', ' ', '\n', 'x', '-', '\xff'}) {
+      std::string damaged = text;
+      if (damaged[at] == c) continue;
+      damaged[at] = c;
+      EXPECT_FALSE(Tuning::parse(damaged, key)) << at;
+    }
+  EXPECT_FALSE(Tuning::parse(text + "3 16 1 752 480 direct\n", key));
+  EXPECT_FALSE(Tuning::parse(text + std::string(100, '9'), key));
+}
+
+TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
+  const Tuning tuning = example();
+  EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}), ConvVariant::winograd2);
+  EXPECT_EQ(tuning.choose({16, 32, 2, 376, 240}), ConvVariant::winograd4);
+  EXPECT_EQ(tuning.choose({1, 32, 1, 376, 240}), ConvVariant::direct);
+}
+
+TEST(Tuning, MeasuresWhatIsMissing) {
+  ICLK_NEED_DEVICE();
+  const auto model = test::odd_model();
+  const auto shapes = encoder_shapes(*model, 64, 48, 2);
+  ASSERT_EQ(shapes.size(), 5u);
+  EXPECT_EQ(encoder_shapes(*model, 64, 48, 99).size(), 10u);
+  Tuning known;
+  known.variants[shapes[0]] = ConvVariant::winograd2;
+  std::vector<int> calls;
+  const auto progress = [&](int layer, int layers) {
+    EXPECT_EQ(layers, 4);
+    calls.push_back(layer);
+  };
+  const Tuning tuned = tune(test::device(), shapes, known, progress);
+  EXPECT_EQ(calls, (std::vector<int>{0, 1, 2, 3}));
+  EXPECT_EQ(tuned.variants.size(), 5u);
+  EXPECT_EQ(tuned.variants.at(shapes[0]), ConvVariant::winograd2);
+  const auto none = [](int, int) { ADD_FAILURE() << "measured again"; };
+  EXPECT_EQ(tune(test::device(), shapes, tuned, none).variants, tuned.variants);
+}
+
+TEST(Tuning, KeyNamesDeviceDriverAndShaders) {
+  ICLK_NEED_DEVICE();
+  const std::string key = tuning_key(*test::device());
+  EXPECT_EQ(key.rfind(engine::uuid_text(test::device()->info().uuid), 0), 0u);
+  EXPECT_EQ(key.find_first_not_of("0123456789abcdefghijklmnopqrstuvwxyz-"), std::string::npos) << key;
+  auto request = test::watched_options();
+  request.subgroups = false;
+  EXPECT_NE(tuning_key(*engine::create_context(request)), key);  // other shaders
+}
+
+}  // namespace
+}  // namespace iclk
