@@ -47,7 +47,9 @@ double largest(const std::vector<float>& values) {
   return most;
 }
 
-class LearnedDevice : public testing::TestWithParam<std::tuple<Case, Solver>> {
+using Way = std::tuple<Case, Solver, ConvVariant>;
+
+class LearnedDevice : public testing::TestWithParam<Way> {
  protected:
   void SetUp() override { ICLK_NEED_DEVICE(); }
   const Golden golden{std::get<0>(GetParam()).golden};
@@ -57,7 +59,11 @@ class LearnedDevice : public testing::TestWithParam<std::tuple<Case, Solver>> {
 };
 
 TEST_P(LearnedDevice, EveryIteration) {
-  DeviceAligner aligner(test::device(), plan_for(golden), paper_options(levels), solver, golden_model(golden, levels));
+  const auto model = golden_model(golden, levels);
+  Tuning tuning;
+  for (const ConvShape& shape : encoder_shapes(*model, golden.width(), golden.height(), levels))
+    tuning.variants[shape] = std::get<2>(GetParam());
+  DeviceAligner aligner(test::device(), plan_for(golden), paper_options(levels), solver, model, tuning);
   aligner.set_reference(0, {golden.view(rgb0), golden.camera(), golden.features(), {}});
   const Alignment a = aligner.align(Pair{0, golden.view(rgb1), {}, {}});
   const double motion = golden.truth().t.norm();
@@ -77,11 +83,14 @@ TEST_P(LearnedDevice, EveryIteration) {
   }
 }
 
-std::string case_name(const testing::TestParamInfo<std::tuple<Case, Solver>>& info) {
-  return std::get<0>(info.param).golden + std::string(std::get<1>(info.param) == Solver::device ? "_device" : "_host");
+std::string case_name(const testing::TestParamInfo<Way>& info) {
+  return std::get<0>(info.param).golden + std::string(std::get<1>(info.param) == Solver::device ? "_device_" : "_host_") +
+         name(std::get<2>(info.param));
 }
 INSTANTIATE_TEST_SUITE_P(Golden, LearnedDevice,
-                         testing::Combine(testing::ValuesIn(kCases), testing::Values(Solver::host, Solver::device)), case_name);
+                         testing::Combine(testing::ValuesIn(kCases), testing::Values(Solver::host, Solver::device),
+                                          testing::Values(ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4)),
+                         case_name);
 
 // The stages one by one, each level from the pose with which the specification starts it.
 class LearnedStages : public testing::TestWithParam<Case> {
