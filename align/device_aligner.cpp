@@ -55,6 +55,12 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
   std::memset(memory[ids.references].mapped, 0, sizeof(shaders::ReferenceInfo) * slots.size());
 }
 
+uint32_t DeviceAligner::Impl::most_features() const {
+  int most = 0;
+  for (const Slot& slot : slots) most = std::max(most, slot.features.size());
+  return static_cast<uint32_t>(most);
+}
+
 engine::ArenaSize DeviceAligner::Impl::arena_size() const { return internal::Stages::arena_size(kernels, network); }
 
 DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,

@@ -1,5 +1,7 @@
 #include <iclk/align/device_aligner.h>
 
+#include <algorithm>
+
 #include <iclk/align/internal/device_impl.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/result.h>
@@ -157,8 +159,11 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   engine::Recorder recorder(*m.context, commands, recording->arena);
   const VkDeviceSize image_bytes = 4ull * m.layout.pixel_words;
   m.prepare_dirty(recorder);  // keyframes that set_reference() left for the next submission
-  const internal::Stages stages{m.layout, m.plan,   m.options,          m.sizes,        m.kernels,
-                                m.ids,    m.memory, recording->run_ids, recording->run, m.network};
+  uint32_t features = m.most_features();
+  for (const DeviceReference& reference : references)
+    features = std::max(features, static_cast<uint32_t>(reference.features.size()));
+  const internal::Stages stages{m.layout,           m.plan,         m.options, m.sizes, m.kernels, m.ids, m.memory,
+                                recording->run_ids, recording->run, m.network, features};
   for (const DeviceReference& reference : references) {
     auto checks = check_features(reference.features, reference.camera);
     const double mean_q = internal::mean_inverse_depth({{}, reference.camera, reference.features, {}}, checks, false);

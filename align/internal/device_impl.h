@@ -43,7 +43,11 @@ struct DeviceAligner::Impl {
   std::vector<engine::StageTime> no_times;
 
   engine::ArenaSize arena_size() const;
-  internal::Stages stages() const { return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network}; }
+  internal::Stages stages() const {
+    return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, most_features()};
+  }
+  /// Of the references that are set.
+  uint32_t most_features() const;
 
   void check_pairs(std::span<const Pair> pairs) const;
   /// Host data of a slot: camera, features, verdicts. Pixels are another matter.

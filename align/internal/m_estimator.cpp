@@ -60,7 +60,8 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
   const uint64_t pixels = static_cast<uint64_t>(levels_[0].width) * levels_[0].height;
   pairs_per_pass_ = static_cast<uint32_t>(
       std::clamp<uint64_t>(std::min(range, kInputBytes / kTexel) / pixels, 1, static_cast<uint64_t>(batch)));
-  const uint64_t patches = static_cast<uint64_t>(pairs_per_pass_) * patches_per_pair(0), both = texels[0] + texels[1];
+  const uint64_t patches = static_cast<uint64_t>(pairs_per_pass_) * patches_per_pair(0, max_features_),
+                 both = texels[0] + texels[1];
   const uint64_t fit = std::min(kPatchBytes / kTexel / both, (range - beyond) / std::max(texels[0], texels[1]));
   patches_per_chunk_ = static_cast<uint32_t>(std::clamp<uint64_t>(fit, 1, patches));
   if (levels_.size() > 1) {
@@ -84,9 +85,10 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
                           texels[i] * patches_per_chunk_ + beyond);
 }
 
-uint32_t MEstimator::patches_per_pair(int level) const {
+uint32_t MEstimator::patches_per_pair(int level, uint32_t features) const {
   const shaders::LevelInfo& info = levels_[static_cast<size_t>(level)];
-  return dense_ ? engine::groups_for(info.width, ICLK_PATCH) * engine::groups_for(info.height, ICLK_PATCH) : max_features_;
+  return dense_ ? engine::groups_for(info.width, ICLK_PATCH) * engine::groups_for(info.height, ICLK_PATCH)
+                : std::min(features, max_features_);
 }
 
 void MEstimator::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
@@ -123,8 +125,8 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
               {kLanes}}};
 }
 
-void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs, uint32_t flags,
-                        const Buffers& buffers) const {
+void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs,
+                        uint32_t features, uint32_t flags, const Buffers& buffers) const {
   recorder.stage("m_estimator");
   const shaders::LevelInfo& info = levels_[static_cast<size_t>(level)];
   shaders::MEstimatorPush push{};
@@ -138,7 +140,7 @@ void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& mem
   push.prior_stride = prior_stride_;
   push.prior_origin = prior_origin_;
   push.coarsest = static_cast<size_t>(level) + 1 == levels_.size();
-  push.patches_per_pair = patches_per_pair(level);
+  push.patches_per_pair = patches_per_pair(level, features);
   push.margin = margin_;
   push.dense = dense_;
   if (push.coarsest) recorder.fill(memory[prior_]);

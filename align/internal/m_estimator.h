@@ -21,9 +21,9 @@ class MEstimator {
   struct Buffers {
     const engine::Buffer *levels, *references, *pairs, *features, *template_a, *maps1, *states, *weights, *residuals;
   };
-  /// Precondition: load(). `flags`: ICLK_FLAG_GIVEN or 0.
-  void record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs, uint32_t flags,
-              const Buffers& buffers) const;
+  /// Precondition: load(). `features`: of any reference, at most; `flags`: ICLK_FLAG_GIVEN or 0.
+  void record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs, uint32_t features,
+              uint32_t flags, const Buffers& buffers) const;
   void add_to(engine::ArenaSize& size) const;
 
  private:
@@ -32,7 +32,7 @@ class MEstimator {
     uint32_t margin, dilation, in_planes, out_channels;
     PackedLayer packed;
   };
-  uint32_t patches_per_pair(int level) const;
+  uint32_t patches_per_pair(int level, uint32_t features) const;
   void record_patches(engine::Recorder& recorder, const engine::Workspace& memory, const shaders::MEstimatorPush& push,
                       const Buffers& buffers) const;
 

@@ -170,7 +170,7 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
 void Stages::weights(Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const {
   if (network.m_estimator)
     return network.m_estimator->record(
-        recorder, memory, level, pairs, flags,
+        recorder, memory, level, pairs, features, flags,
         {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.features), &at(ids.template_a), &at(ids.maps1),
          &run[run_ids.states], &at(ids.weights), &at(ids.residuals)});
   if (options.robust == Robust::unit) return;

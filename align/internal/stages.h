@@ -46,6 +46,7 @@ struct Stages {
   const RunBuffers& run_ids;
   const engine::Workspace& run;
   const DeviceNetwork& network;
+  uint32_t features;  // of any reference, at most
 
   /// Maps (grey pyramid or encoder), mask and Jacobian of the references [first, first + count).
   void prepare(engine::Recorder& recorder, uint32_t first, uint32_t count) const;
