@@ -3,7 +3,7 @@
 #include <optional>
 
 #include <iclk/align/internal/encoder.h>
-#include <iclk/align/internal/m_estimator.h>
+#include <iclk/align/internal/device_m_estimator.h>
 
 namespace iclk::internal {
 

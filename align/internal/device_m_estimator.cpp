@@ -1,4 +1,4 @@
-#include <iclk/align/internal/m_estimator.h>
+#include <iclk/align/internal/device_m_estimator.h>
 
 #include <algorithm>
 
