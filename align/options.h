@@ -22,7 +22,7 @@ struct AlignerOptions {
   int iterations = 10;   ///< at most, a level
   double lambda = 1e-6;  ///< damping, or its start value
   Damping damping = Damping::fixed;
-  Robust robust = Robust::unit;
+  Robust robust = Robust::huber;
   bool photometric = true;  ///< estimate gain a and bias b of the pair: r = f1(warp) - (a f0 + b)
   /// A level ends early when a step moves no pixel of it by more than this (px of that level). 0: never, as in the paper.
   double step_tolerance = 0.003;

@@ -111,24 +111,25 @@ BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, i
 struct AlignerCase {
   const char* method;
   Solver solver;
-  bool colour = false, refine = false;
+  bool colour = false, refine = false, unit_weights = false;
 };
 
 const std::array kCases = {AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host},
                            AlignerCase{"cpu", Solver::cpu}, AlignerCase{"device, colour", Solver::device, true},
-                           AlignerCase{"device + refine", Solver::device, false, true}};
+                           AlignerCase{"device + refine", Solver::device, false, true},
+                           AlignerCase{"device, unit weights", Solver::device, false, false, true}};
 constexpr int kOdometryThreads[] = {0, 1};
 
 bool wanted(const BenchOptions& options, const std::string& method) {
   return options.only.empty() || std::find(options.only.begin(), options.only.end(), method) != options.only.end();
 }
 
-/// Batch sizes of a case: colour at the largest only, refinement alone and at the largest.
+/// Batch sizes of a case: colour at the largest only, refinement and the paper's unit weights alone and at the largest.
 std::vector<int> batches_of(const AlignerCase& c, const BenchOptions& options) {
   const int most = *std::max_element(options.pairs.begin(), options.pairs.end());
   std::vector<int> batches;
   for (int n : options.pairs)
-    if ((!c.colour && !c.refine) || n == most || (c.refine && n == 1)) batches.push_back(n);
+    if ((!c.colour && !c.refine && !c.unit_weights) || n == most || (!c.colour && n == 1)) batches.push_back(n);
   return batches;
 }
 
