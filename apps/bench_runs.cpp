@@ -114,8 +114,10 @@ struct AlignerCase {
   bool colour = false, refine = false, unit_weights = false;
 };
 
-const std::array kCases = {AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host},
-                           AlignerCase{"cpu", Solver::cpu}, AlignerCase{"device, colour", Solver::device, true},
+const std::array kCases = {AlignerCase{"device", Solver::device},
+                           AlignerCase{"host", Solver::host},
+                           AlignerCase{"cpu", Solver::cpu},
+                           AlignerCase{"device, colour", Solver::device, true},
                            AlignerCase{"device + refine", Solver::device, false, true},
                            AlignerCase{"device, unit weights", Solver::device, false, false, true}};
 constexpr int kOdometryThreads[] = {0, 1};
@@ -152,7 +154,9 @@ double set_references(Aligner& aligner, std::span<const PeerPair> batch, bool co
 
 BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
                        std::span<const PeerPair> pairs, int batch, const AlignerCase& c) {
-  const auto aligner = make_any_aligner(c.solver, context, plan_of(options, batch, c.colour), {});
+  AlignerOptions settings;
+  if (c.unit_weights) settings.robust = Robust::unit;
+  const auto aligner = make_any_aligner(c.solver, context, plan_of(options, batch, c.colour), settings);
   const auto refiner = c.refine ? std::make_unique<Refiner>(*aligner) : nullptr;
   std::vector<Pair> work;
   BenchRow row = measure(options, pairs, batch, [&](int first, std::vector<Outcome>& outcomes) {
