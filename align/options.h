@@ -9,20 +9,22 @@ enum class Solver {
   cpu,     ///< the CPU reference: plain C++ and Eigen, no Vulkan
 };
 
-enum class Robust { unit, huber, tukey, cauchy };  ///< weights at the start of a level, scale from the median absolute residual
+/// Weights of the residuals, set once a level from those with which it starts; scale from their median absolute value. unit is
+/// the paper's; the others play down what moved by itself or is hidden.
+enum class Robust { unit, huber, tukey, cauchy };
 
 enum class Damping {
   fixed,     ///< (H + lambda D) xi = g, every step taken, as in the paper
   adaptive,  ///< Levenberg-Marquardt: a step that raises the cost is taken back, lambda follows the gain ratio
 };
 
-/// How to align. Defaults: the classical mode (grey pyramid) with gain and bias.
+/// How to align. Defaults: the classical mode (grey pyramid) with gain and bias, and Huber's weights.
 struct AlignerOptions {
   int levels = 4;
   int iterations = 10;   ///< at most, a level
   double lambda = 1e-6;  ///< damping, or its start value
   Damping damping = Damping::fixed;
-  Robust robust = Robust::unit;
+  Robust robust = Robust::huber;
   bool photometric = true;  ///< estimate gain a and bias b of the pair: r = f1(warp) - (a f0 + b)
   /// A level ends early when a step moves no pixel of it by more than this (px of that level). 0: never, as in the paper.
   double step_tolerance = 0.003;

@@ -20,9 +20,8 @@ void RunOptions::add_to(CLI::App& command) {
       ->capture_default_str();
   command.add_option("--iterations", aligner.iterations, "Iterations a level, at most")->capture_default_str();
   command
-      .add_option(
-          "--robust", robust,
-          "Weights of the residuals; huber, tukey and cauchy play down what moved by itself, for about half as much time again")
+      .add_option("--robust", robust,
+                  "Weights of the residuals; unit is the paper's. huber, tukey and cauchy play down what moved by itself")
       ->capture_default_str()
       ->check(CLI::IsMember({"unit", "huber", "tukey", "cauchy"}));
   command

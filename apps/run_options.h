@@ -10,7 +10,7 @@ namespace iclk {
 
 /// The options that align, batch and bench share, as text until they are checked.
 struct RunOptions {
-  std::string solver = "host", device, robust = "unit", damping = "fixed";
+  std::string solver = "host", device, robust = "huber", damping = "fixed";
   AlignerOptions aligner;
   RefinerOptions refiner;
   bool no_photometric = false, no_refine = false, dense = false;

@@ -9,7 +9,7 @@ View view_of(uint pair) {
   view.template_base = int(reference * push.element_stride + info.element_offset);
   view.map_base = int(pair * push.map_stride + info.map_offset);
   view.pitch = int(info.pitch);
-  view.weight_base = int(pair * push.weight_stride);
+  view.weight_base = pair * (push.weight_stride / 4u);
   view.unit_weights = !WEIGHTED || (push.flags & ICLK_FLAG_UNIT_WEIGHTS) != 0u;
   return view;
 }

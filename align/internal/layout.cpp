@@ -39,6 +39,7 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options) {
     }
     levels.push_back(info);
   }
+  weight_stride = round_up(weight_stride, 1024);  // whole blocks (shaders/weights.glsl) of the largest workgroup
   map_stride = std::max(map_stride, 4u);  // no map at all is no buffer
   trace_stride = static_cast<uint32_t>(options.levels * options.iterations);
 }
@@ -77,8 +78,9 @@ WorkgroupSizes::WorkgroupSizes(engine::DeviceType type) {
   map = 64;
   weights = 256;
   group_elements = cpu ? 800 : 1024;
-  // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): 10 iterations of 32,768 / 8.
-  fused_elements = cpu ? 32768 : 16384;
+  // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): 10 iterations of 16,384 / 8 * 5 / 4,
+  // and the weights of a level.
+  fused_elements = 16384;
 }
 
 }  // namespace iclk::internal

@@ -39,7 +39,6 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, const Aligne
   template_b = plan.add("template gradients", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   const bool weighted = options.robust != Robust::unit;
   weights = plan.add("weights", weighted ? 4ull * layout.weight_stride * pairs_n : 16, MemoryKind::device, storage);
-  residuals = plan.add("residuals", weighted ? 4ull * layout.weight_stride * pairs_n : 16, MemoryKind::device, storage);
   uint64_t groups = 1;
   for (size_t l = 0; l < layout.levels.size(); ++l)
     if (l == 0 || solver == Solver::host || layout.levels[l].element_count > sizes.fused_elements)  // level 0: agreement
@@ -171,12 +170,11 @@ void Stages::weights(Recorder& recorder, int level, uint32_t pairs, uint32_t fla
   recorder.stage("residual");
   recorder.dispatch(kernels.residual,
                     {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                     &map1(level), &at(ids.weights), &run[run_ids.states], &at(ids.residuals)},
-                    p, {groups_for(layout.levels[static_cast<size_t>(level)].element_count, sizes.map), pairs, 1});
+                     &map1(level), &at(ids.weights), &run[run_ids.states]},
+                    p, {partial_groups(layout, sizes, level), pairs, 1});
   recorder.stage("weights");
   recorder.dispatch(kernels.weights,
-                    {&at(ids.levels), &run[run_ids.pairs], &at(ids.residuals), &at(ids.weights), &run[run_ids.states]}, p,
-                    {pairs, 1, 1});
+                    {&at(ids.levels), &run[run_ids.pairs], &at(ids.weights), &run[run_ids.states]}, p, {pairs, 1, 1});
 }
 
 void Stages::normal_equations(Recorder& recorder, int level, uint32_t pairs, uint32_t iteration, uint32_t flags) const {
@@ -224,7 +222,7 @@ void Stages::align(Recorder& recorder, uint32_t pairs) const {
       iterate(recorder, level, pairs, 0, ICLK_FLAG_START | ICLK_FLAG_UNIT_WEIGHTS | given);
       given = 0;
     }
-    weights(recorder, level, pairs, given);
+    if (layout.levels[static_cast<size_t>(level)].element_count > sizes.fused_elements) weights(recorder, level, pairs, given);
     const bool ends = level == 0 || options.damping == Damping::adaptive;
     iterate(recorder, level, pairs, static_cast<uint32_t>(options.iterations), given | (ends ? ICLK_FLAG_END : 0u));
     given = 0;

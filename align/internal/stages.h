@@ -17,7 +17,7 @@ struct AlignerBuffers {
 
   engine::MemoryPlan plan;
   engine::BufferId levels, references, features, tiles, entries, pixels0, pixels1, maps0, maps1, mask, template_a, template_b,
-      weights, residuals, parts;
+      weights, parts;
   std::optional<engine::BufferId> staging0, staging1, staging_depth;  // where device memory cannot be mapped
 };
 
