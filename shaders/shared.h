@@ -45,6 +45,9 @@ using uint = uint32_t;
 #define ICLK_FORMAT_R32F 3
 #define ICLK_FORMAT_RGBA32F 4
 
+// Distance of the starts of a search, pixels of the coarsest level: the basin of an alignment is about 5 wide.
+#define ICLK_SEARCH_CELLS 3.4
+
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0
 #define ICLK_ROBUST_HUBER 1
