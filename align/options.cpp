@@ -30,7 +30,7 @@ void AlignerOptions::check() const {
   need(min_visible >= 0 && min_visible <= 1, "min_visible", min_visible, "0 to 1");
   need(min_agreement >= -1 && min_agreement <= 1, "min_agreement", min_agreement, "-1 to 1");
   need(min_correlation >= -1 && min_correlation <= 1, "min_correlation", min_correlation, "-1 to 1");
-  need(search.grid >= 1 && search.grid <= 31 && search.grid % 2 == 1, "search.grid", search.grid, "odd, 1 to 31");
+  need(search.grid >= 1 && search.grid <= 15 && search.grid % 2 == 1, "search.grid", search.grid, "odd, 1 to 15");
   need(search.rotation >= 0 && search.rotation <= 1.5, "search.rotation", search.rotation, "0 to 1.5");
   need(search.roll >= 0 && search.roll <= 3.2, "search.roll", search.roll, "0 to 3.2");
   need(search.kept >= 1, "search.kept", search.kept, "1 or more");

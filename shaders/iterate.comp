@@ -57,7 +57,7 @@ void main() {
   bool write = gl_LocalInvocationIndex == 0u;
   bool has_prior = pairs[pair].has_prior != 0u;
   ReferenceInfo reference = references[pairs[pair].reference];
-  uint count = levels[push.level].element_count;
+  uint count = min(levels[push.level].element_count, push.max_elements);
   View view = view_of(pair);
   Lm lm = load_state(pair);
   if ((push.flags & ICLK_FLAG_GIVEN) != 0u) {

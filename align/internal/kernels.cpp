@@ -11,6 +11,7 @@
 #include "pyramid.comp.spv.h"
 #include "residual.comp.spv.h"
 #include "result.comp.spv.h"
+#include "select.comp.spv.h"
 #include "weights.comp.spv.h"
 
 namespace iclk::internal {
@@ -33,8 +34,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   using enum engine::BindingKind;
   using namespace shaders;
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive,
-                 weighted = options.robust != Robust::unit,
-                 robust = static_cast<uint32_t>(options.robust);
+                 weighted = options.robust != Robust::unit, robust = static_cast<uint32_t>(options.robust);
   pyramid = {context,
              {"pyramid",
               pyramid_comp_spv,
@@ -99,6 +99,13 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                  storage_write},
                 sizeof(IteratePush),
                 {sizes.iterate, photometric, adaptive, weighted}}};
+  if (options.search.enabled)
+    select = {context,
+              {"search",
+               select_comp_spv,
+               {storage_read, storage_read, storage_read, storage_read_write},
+               sizeof(SelectPush),
+               {sizes.iterate}}};
   result = {context,
             {"result",
              result_comp_spv,

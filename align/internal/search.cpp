@@ -32,7 +32,7 @@ std::vector<SE3> search_starts(const SE3& T_10, const Camera& camera, const Alig
   for (int roll : {0, -1, 1}) {
     if (roll != 0 && search.roll == 0) continue;
     for (int i = 0; i < search.grid * search.grid; ++i) {
-      // From the middle outwards would please the eye only; the first start is the guess itself.
+      // The first start is the guess itself, the others follow row by row.
       const int k = i == 0 ? search.grid * search.grid / 2 : i <= search.grid * search.grid / 2 ? i - 1 : i;
       Vector6d xi = Vector6d::Zero();
       xi(3) = step * (k / search.grid - half);
@@ -52,11 +52,17 @@ double search_score(const NormalSums& sums, const Point& at, const StartSearch& 
 SE3 search_start(const std::vector<Template>& pixels, const Pyramid& f1, const Camera& camera, double mean_inverse_depth,
                  const SE3& T_10, const AlignerOptions& options) {
   const StartSearch& search = options.search;
+  const int coarsest = options.levels - 1, finest = std::max(coarsest - 1, 0);
+  std::vector<Template> used(static_cast<size_t>(coarsest) + 1);
+  for (int l = finest; l <= coarsest; ++l) {
+    const Template& all = pixels[static_cast<size_t>(l)];
+    const size_t count = std::min<size_t>(all.size(), ICLK_SEARCH_FEATURES * ICLK_PATCH_AREA);
+    used[static_cast<size_t>(l)].assign(all.begin(), all.begin() + static_cast<ptrdiff_t>(count));
+  }
   const auto sums_at = [&](int level, const Point& at) {
     const auto l = static_cast<size_t>(level);
-    return normal_equations(pixels[l], f1[l], camera.at_level(level), at, {});
+    return normal_equations(used[l], f1[l], camera.at_level(level), at, {});
   };
-  const int coarsest = options.levels - 1;
   // From `T` down to `level`, at most `iterations` a level.
   const auto aligned = [&](const SE3& T, int level, int iterations) {
     LmIteration lm({&options, nullptr, mean_inverse_depth}, T);
@@ -77,7 +83,7 @@ SE3 search_start(const std::vector<Template>& pixels, const Pyramid& f1, const C
   keep_best(candidates, search.screened);
   for (Candidate& c : candidates) c = aligned(c.T_10, coarsest, search.iterations);
   keep_best(candidates, search.kept);
-  for (Candidate& c : candidates) c = aligned(c.T_10, std::max(coarsest - 1, 0), options.iterations);
+  for (Candidate& c : candidates) c = aligned(c.T_10, finest, options.iterations);
   keep_best(candidates, 1);
   return candidates.front().score > -2 ? candidates.front().T_10 : T_10;
 }
