@@ -45,6 +45,8 @@ void Plan::check(const AlignerOptions& options) const {
   const auto need = [](bool ok, const char* what, double value, const std::string& range) {
     if (!ok) refuse(what, value, range);
   };
+  if (dense && options.search.enabled)
+    throw Error(ErrorCode::invalid_argument, "a start search serves sparse plans: switch search or dense off");
   // The coarsest level must hold at least one pixel with both neighbours, or there is no gradient.
   const int smallest = 3 << (options.levels - 1);
   const std::string range = "at least " + std::to_string(smallest) + " for " + std::to_string(options.levels) +

@@ -111,7 +111,7 @@ BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, i
 struct AlignerCase {
   const char* method;
   Solver solver;
-  bool colour = false, refine = false, unit_weights = false;
+  bool colour = false, refine = false, unit_weights = false, search = false;
 };
 
 const std::array kCases = {AlignerCase{"device", Solver::device},
@@ -119,19 +119,21 @@ const std::array kCases = {AlignerCase{"device", Solver::device},
                            AlignerCase{"cpu", Solver::cpu},
                            AlignerCase{"device, colour", Solver::device, true},
                            AlignerCase{"device + refine", Solver::device, false, true},
-                           AlignerCase{"device, unit weights", Solver::device, false, false, true}};
+                           AlignerCase{"device, unit weights", Solver::device, false, false, true},
+                           AlignerCase{"device + search", Solver::device, false, false, false, true}};
 constexpr int kOdometryThreads[] = {0, 1};
 
 bool wanted(const BenchOptions& options, const std::string& method) {
   return options.only.empty() || std::find(options.only.begin(), options.only.end(), method) != options.only.end();
 }
 
-/// Batch sizes of a case: colour at the largest only, refinement and the paper's unit weights alone and at the largest.
+/// Batch sizes of a case: colour at the largest only, refinement, search and the paper's unit weights alone and at the
+/// largest.
 std::vector<int> batches_of(const AlignerCase& c, const BenchOptions& options) {
   const int most = *std::max_element(options.pairs.begin(), options.pairs.end());
   std::vector<int> batches;
   for (int n : options.pairs)
-    if ((!c.colour && !c.refine && !c.unit_weights) || n == most || (!c.colour && n == 1)) batches.push_back(n);
+    if ((!c.colour && !c.refine && !c.unit_weights && !c.search) || n == most || (!c.colour && n == 1)) batches.push_back(n);
   return batches;
 }
 
@@ -156,6 +158,7 @@ BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine
                        std::span<const PeerPair> pairs, int batch, const AlignerCase& c) {
   AlignerOptions settings;
   if (c.unit_weights) settings.robust = Robust::unit;
+  settings.search.enabled = c.search;
   const auto aligner = make_any_aligner(c.solver, context, plan_of(options, batch, c.colour), settings);
   const auto refiner = c.refine ? std::make_unique<Refiner>(*aligner) : nullptr;
   std::vector<Pair> work;

@@ -27,6 +27,7 @@ struct BenchOptions {
 /// the plan.
 struct BenchRow {
   std::string method;  ///< "device", "host", "cpu", "device, colour", "device + refine", "device, unit weights",
+                       ///< "device + search",
                        ///< "RgbdOdometry", ...
   std::string format;  ///< of the images on the device; empty for OpenCV
   int pairs = 0;       ///< in one call
