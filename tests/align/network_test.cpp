@@ -1,6 +1,7 @@
 // The learned model's arithmetic on the CPU where golden files do not reach: odd sizes, any architecture, every pixel format.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include <iclk/align/cpu_aligner.h>
@@ -70,7 +71,7 @@ TEST(Network, MEstimatorInTilesGivesTheDenseValues) {
     Map visible(width, height);
     for (const auto& [u, v] : std::vector<std::pair<int, int>>{{0, 0}, {width / 2, height / 3}, {width - 5, height - 4}})
       for (int i = 0; i < 4; ++i)
-        for (int j = 0; j < 5; ++j) visible.at(u + j, v + i) = 1;
+        for (int j = 0; j < 5; ++j) visible.at(std::min(u + j, width - 1), std::min(v + i, height - 1)) = 1;
     const Map tiles = internal::m_estimator(model, in, visible), dense = internal::m_estimator_dense(model, in, visible);
     EXPECT_GT(tiles.at(0, 0), 0);
     for (size_t i = 0; i < dense.data.size(); ++i) ASSERT_FLOAT_EQ(tiles.data[i], dense.data[i]) << i;
