@@ -1,19 +1,16 @@
 #include <iclk/align/options.h>
 
 #include <cmath>
-#include <sstream>
 #include <string>
 
+#include <iclk/align/internal/text.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {
 namespace {
 
 [[noreturn]] void refuse(const std::string& what, double value, const std::string& range) {
-  std::ostringstream number;  // 16, not 16.000000
-  number.imbue(std::locale::classic());
-  number << value;
-  throw Error(ErrorCode::invalid_argument, what + " is " + number.str() + ", must be " + range);
+  throw Error(ErrorCode::invalid_argument, what + " is " + internal::text_of(value) + ", must be " + range);
 }
 
 }  // namespace

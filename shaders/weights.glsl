@@ -1,9 +1,8 @@
 // Robust weights of a level from the residuals with which it starts (align/internal/weights.h). The scale is 1.4826 times the
 // lower median of |r|, exactly: the element of that rank, found by counting. Needs shared.h and the binding weights[] (vec4).
-//
-// Weights lie in blocks of 4 L elements, L = lanes of a workgroup of the sums: component j of vec4 `lane` of a block belongs to
-// element j L + lane of it. So a lane reads the weights of its own elements, four at a time, and in iterate.comp it alone writes
-// them. Before they are weights they are |r|: ICLK_NO_RESIDUAL where an element is not in the mask or not visible.
+// Weights lie in blocks of 4 L elements, L = lanes of a workgroup of the sums: component j of vec4 `lane` of a block belongs
+// to element j L + lane of it. So a lane reads the weights of its own elements, four at a time, and in iterate.comp it alone
+// writes them. Before they are weights they are |r|: ICLK_NO_RESIDUAL where an element is not in the mask or not visible.
 
 layout(constant_id = 4) const uint ROBUST = ICLK_ROBUST_HUBER;
 
