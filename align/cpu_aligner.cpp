@@ -7,6 +7,7 @@
 #include <iclk/align/internal/m_estimator.h>
 #include <iclk/align/internal/mask.h>
 #include <iclk/align/internal/model_check.h>
+#include <iclk/align/internal/search.h>
 #include <iclk/align/internal/verdict.h>
 #include <iclk/align/internal/weights.h>
 #include <iclk/engine/error.h>
@@ -88,7 +89,10 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
   out.features = keyframe.checks;
   Map weight;  // the M-estimator's, of the level before
   internal::Agreement agreement;
-  internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, pair.T_10);
+  const SE3 start = options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
+                                                                     keyframe.mean_inverse_depth, pair.T_10, options_)
+                                            : pair.T_10;
+  internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, start);
   for (int level = options_.levels - 1; level >= 0; --level) {
     const Camera camera = keyframe.camera.at_level(level);
     const internal::Template& pixels = keyframe.levels[static_cast<size_t>(level)];
