@@ -142,9 +142,8 @@ std::string hint(Status status, bool feature_file) {
       return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 200 or "
              "--detector grid";
     case Status::diverged:
-      return "the images do not agree: is the motion larger than about 20 px (give --initial-pose or a nearer frame)? are "
-             "--camera and "
-             "--depth-scale right?";
+      return "the images do not agree: is the motion larger than the search finds, some 10 degrees (give --initial-pose or a "
+             "nearer frame, or a larger --search-grid)? are --camera and --depth-scale right?";
   }
   return "";
 }
