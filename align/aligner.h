@@ -58,7 +58,13 @@ class Aligner {
   virtual const Plan& plan() const = 0;
 };
 
-/// The CPU reference: plain C++ and Eigen, one thread, the contract of every other solver.
-std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options = {});
+struct Model;
+
+/// The CPU reference: plain C++ and Eigen, one thread, the contract of every other solver. With a model its encoder takes the
+/// place of the grey pyramid, with its finest options.levels levels, and its M-estimator gives the weights.
+/// Throws Error(invalid_argument): a plan, options or a model that cannot be, more levels than the model has, robust weights
+/// beside an M-estimator's.
+std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options = {},
+                                          std::shared_ptr<const Model> model = nullptr);
 
 }  // namespace iclk

@@ -4,7 +4,10 @@
 #include <iclk/align/internal/input.h>
 #include <iclk/align/internal/jacobian.h>
 #include <iclk/align/internal/lm.h>
+#include <iclk/align/internal/m_estimator.h>
 #include <iclk/align/internal/mask.h>
+#include <iclk/align/internal/model_check.h>
+#include <iclk/align/internal/search.h>
 #include <iclk/align/internal/verdict.h>
 #include <iclk/align/internal/weights.h>
 #include <iclk/engine/error.h>
@@ -20,12 +23,21 @@ struct CpuAligner::Keyframe {
   double mean_inverse_depth = 0;
 };
 
-CpuAligner::CpuAligner(const Plan& plan, const AlignerOptions& options) : plan_(plan), options_(options) {
+CpuAligner::CpuAligner(const Plan& plan, const AlignerOptions& options, std::shared_ptr<const Model> model)
+    : plan_(plan), options_(options), model_(std::move(model)) {
   plan_.check(options_);
+  if (model_) {
+    internal::check_model(*model_);
+    internal::check_model_use(*model_, options_);
+  }
   keyframes_.resize(static_cast<size_t>(plan_.max_references));
 }
 
 CpuAligner::~CpuAligner() = default;
+
+Pyramid CpuAligner::features_of(const ImageView& image) const {
+  return model_ ? internal::encode(*model_, image, options_.levels) : grey_pyramid(image, options_.levels);
+}
 
 std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& reference) {
   internal::check_slot(slot, plan_);
@@ -35,7 +47,7 @@ std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& r
   keyframe->features = reference.features;
   keyframe->checks = check_features(reference.features, reference.camera);
   keyframe->mean_inverse_depth = internal::mean_inverse_depth(reference, keyframe->checks, plan_.dense);
-  keyframe->f0 = grey_pyramid(reference.image, options_.levels);
+  keyframe->f0 = features_of(reference.image);
   Map q;
   for (int level = 0; level < options_.levels; ++level) {
     const Map& f0 = keyframe->f0[static_cast<size_t>(level)];
@@ -63,7 +75,7 @@ std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
   std::vector<Alignment> out;
   out.reserve(pairs.size());
   for (size_t i = 0; i < pairs.size(); ++i) {
-    targets_[i] = grey_pyramid(pairs[i].target, options_.levels);
+    targets_[i] = features_of(pairs[i].target);
     out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], targets_[i], pairs[i]));
   }
   return out;
@@ -75,8 +87,12 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
 
   Alignment out;
   out.features = keyframe.checks;
+  Map weight;  // the M-estimator's, of the level before
   internal::Agreement agreement;
-  internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, pair.T_10);
+  const SE3 start = options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
+                                                                     keyframe.mean_inverse_depth, pair.T_10, options_)
+                                            : pair.T_10;
+  internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, start);
   for (int level = options_.levels - 1; level >= 0; --level) {
     const Camera camera = keyframe.camera.at_level(level);
     const internal::Template& pixels = keyframe.levels[static_cast<size_t>(level)];
@@ -92,6 +108,8 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
       const auto r = internal::residuals(pixels, target, camera, lm.point());
       trace.scale = internal::mad_scale(r);
       weights = internal::robust_weights(options_.robust, r, static_cast<float>(trace.scale));
+    } else if (model_ && !model_->m_estimator.empty()) {
+      weights = internal::m_estimator_weights(*model_, pixels, target, camera, lm.point(), weight);
     }
     for (int i = 0; i < options_.iterations && !lm.level_done(); ++i)
       trace.iterations.push_back(lm.step(internal::normal_equations(pixels, target, camera, lm.point(), weights)));
@@ -112,8 +130,8 @@ const std::vector<FeatureCheck>& CpuAligner::checks(int slot) const { return key
 const Pyramid& CpuAligner::reference_map(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->f0; }
 const Pyramid& CpuAligner::target_map(int pair) const { return targets_.at(static_cast<size_t>(pair)); }
 
-std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options) {
-  return std::make_unique<CpuAligner>(plan, options);
+std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options, std::shared_ptr<const Model> model) {
+  return std::make_unique<CpuAligner>(plan, options, std::move(model));
 }
 
 }  // namespace iclk

@@ -1,5 +1,6 @@
 #pragma once
 #include <iclk/align/aligner.h>
+#include <iclk/align/model.h>
 #include <iclk/align/pyramid.h>
 
 namespace iclk {
@@ -7,7 +8,8 @@ namespace iclk {
 /// The CPU reference: every stage in plain C++ and Eigen under the name it has in shaders/. One thread.
 class CpuAligner : public Aligner {
  public:
-  CpuAligner(const Plan& plan, const AlignerOptions& options);
+  /// model: null for the classical mode (grey pyramid).
+  CpuAligner(const Plan& plan, const AlignerOptions& options, std::shared_ptr<const Model> model = nullptr);
   ~CpuAligner() override;
 
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
@@ -24,10 +26,12 @@ class CpuAligner : public Aligner {
 
  private:
   struct Keyframe;
+  Pyramid features_of(const ImageView& image) const;
   Alignment align_one(const Keyframe& keyframe, const Pyramid& f1, const Pair& pair) const;
 
   Plan plan_;
   AlignerOptions options_;
+  std::shared_ptr<const Model> model_;
   std::vector<std::unique_ptr<Keyframe>> keyframes_;
   std::vector<Pyramid> targets_;
 };

@@ -5,6 +5,7 @@
 
 #include <iclk/align/internal/device_impl.h>
 #include <iclk/align/internal/mask.h>
+#include <iclk/align/internal/model_check.h>
 #include <iclk/align/internal/upload.h>
 #include <iclk/engine/error.h>
 
@@ -16,7 +17,10 @@ namespace {
 
 const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solver, const Model* model) {
   plan.check(options);
-  if (model) internal::check_model(*model, options);
+  if (model) {
+    internal::check_model(*model);
+    internal::check_model_use(*model, options);
+  }
   switch (plan.format) {
     case PixelFormat::r8:
     case PixelFormat::rgba8:
@@ -38,15 +42,15 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       options(options_),
       solver(solver_),
       layout(plan, options, model.get()),
-      sizes(context->info().type),
+      sizes(context->info().type, options),
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
       network(*context, model, layout, plan, batch, tuning, ids.plan),
       memory(context, ids.plan),
-      run_ids(layout, context->unified_memory(), batch),
+      run_ids(layout, options, context->unified_memory(), batch),
       run(context, run_ids.plan),
-      arena(context, (network.load(context, memory), arena_size())),
+      arena(context, (network.load(context, memory, sizes.iterate), arena_size())),
       submission(context),
       slots(static_cast<size_t>(plan.max_references)),
       tiles(plan, layout) {
@@ -74,11 +78,11 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
                                                   const std::shared_ptr<const Model>& model, const Tuning& tuning) {
   checked(plan, options, solver, model.get());
   const internal::Layout layout(plan, options, model.get());
-  const internal::WorkgroupSizes sizes(context.info().type);
+  const internal::WorkgroupSizes sizes(context.info().type, options);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
   const internal::DeviceNetwork network(context, model, layout, plan, batch, tuning, ids.plan);
-  const internal::RunBuffers run_ids(layout, context.unified_memory(), batch);
+  const internal::RunBuffers run_ids(layout, options, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);
   bytes.device += run.device;
@@ -198,15 +202,20 @@ std::vector<Alignment> DeviceAligner::align(std::span<const Pair> pairs) {
   return out;
 }
 
+void DeviceAligner::Impl::pack(const SE3& T_10, const std::optional<PosePrior>& prior, int reference, uint32_t index,
+                               const internal::RunBuffers& to_ids, const engine::Workspace& to) const {
+  const Slot& slot = slots[static_cast<size_t>(reference)];
+  auto& info = to[to_ids.pairs].as<shaders::PairInfo>()[index];
+  info = internal::pack_pair(T_10, prior ? &*prior : nullptr, reference, index, slot.enough, options);
+  if (options.search.enabled) internal::pack_starts(info, index, T_10, slot.camera, options, to_ids, to);
+}
+
 std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair> pairs) {
   const auto n = static_cast<uint32_t>(pairs.size());
   Recorder recorder(*context, submission.begin(), arena, timer.get());
   prepare_dirty(recorder);
   upload_targets(recorder, pairs);
-  auto* infos = run[run_ids.pairs].as<shaders::PairInfo>();
-  for (uint32_t i = 0; i < n; ++i)
-    infos[i] = internal::pack_pair(pairs[i].T_10, pairs[i].prior ? &*pairs[i].prior : nullptr, pairs[i].reference,
-                                   slots[static_cast<size_t>(pairs[i].reference)].enough, options);
+  for (uint32_t i = 0; i < n; ++i) pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, i, run_ids, run);
   const internal::Stages s = stages();
   s.targets(recorder, n);
   s.align(recorder, n);

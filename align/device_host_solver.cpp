@@ -19,14 +19,16 @@ struct DeviceAligner::Impl::HostRun {
       : m(impl), pairs(batch_pairs), out(batch_pairs.size()), infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
     for (size_t i = 0; i < pairs.size(); ++i) {
       const Slot& slot = slot_of(i);
-      const PosePrior* prior = pairs[i].prior ? &*pairs[i].prior : nullptr;
-      lm.emplace_back(internal::LmProblem{&m.options, prior, slot.mean_inverse_depth}, pairs[i].T_10);
-      infos[i] = internal::pack_pair(pairs[i].T_10, prior, pairs[i].reference, slot.enough, m.options);
+      m.pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, static_cast<uint32_t>(i), m.run_ids, m.run);
+      lm.push_back(iteration(i, pairs[i].T_10));
       out[i].features = slot.checks;
     }
   }
 
   const Slot& slot_of(size_t i) const { return m.slots[static_cast<size_t>(pairs[i].reference)]; }
+  LmIteration iteration(size_t i, const SE3& start) const {
+    return {{&m.options, pairs[i].prior ? &*pairs[i].prior : nullptr, slot_of(i).mean_inverse_depth}, start};
+  }
   uint32_t count() const { return static_cast<uint32_t>(pairs.size()); }
 
   void point(size_t i, bool enabled) {
@@ -85,6 +87,17 @@ struct DeviceAligner::Impl::HostRun {
       m.upload_targets(recorder, pairs);
       m.stages().targets(recorder, count());
     };
+    if (m.options.search.enabled) {
+      Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
+      upload(recorder);
+      m.stages().search(recorder, count());
+      recorder.host_read({&m.run[m.run_ids.pairs]});
+      recorder.finish();
+      m.submission.end();
+      m.submit();
+      for (size_t i = 0; i < pairs.size(); ++i)
+        if (slot_of(i).enough) lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));
+    }
     if (m.options.photometric) {
       evaluate(coarsest, ICLK_FLAG_UNIT_WEIGHTS, upload);
       for (size_t i = 0; i < pairs.size(); ++i)

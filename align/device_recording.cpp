@@ -17,7 +17,7 @@ class DeviceRecording : public DeviceAligner::Recording {
       : options(options),
         trace_stride(layout.trace_stride),
         max_pairs(max_pairs),
-        run_ids(layout, context->unified_memory(), max_pairs),
+        run_ids(layout, options, context->unified_memory(), max_pairs),
         run(context, run_ids.plan),
         arena(context, arena_size) {}
 
@@ -173,11 +173,9 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
                 image_bytes * static_cast<uint64_t>(reference.slot));
     stages.prepare(recorder, static_cast<uint32_t>(reference.slot), 1);
   }
-  auto* infos = recording->run[recording->run_ids.pairs].as<shaders::PairInfo>();
   for (size_t i = 0; i < pairs.size(); ++i) {
     const Impl::Slot& slot = m.slots[static_cast<size_t>(pairs[i].reference)];
-    infos[i] = internal::pack_pair(pairs[i].T_10, pairs[i].prior ? &*pairs[i].prior : nullptr, pairs[i].reference, slot.enough,
-                                   m.options);
+    m.pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, static_cast<uint32_t>(i), recording->run_ids, recording->run);
     recording->taken.push_back({slot.enough, pairs[i].T_10, slot.camera, slot.mean_inverse_depth, pairs[i].prior, slot.checks});
     copy_pixels(recorder, pairs[i].target, m.plan, m.layout, m.memory[m.ids.pixels1], image_bytes * i);
   }

@@ -1,19 +1,16 @@
 #include <iclk/align/options.h>
 
 #include <cmath>
-#include <sstream>
 #include <string>
 
+#include <iclk/align/internal/text.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {
 namespace {
 
 [[noreturn]] void refuse(const std::string& what, double value, const std::string& range) {
-  std::ostringstream number;  // 16, not 16.000000
-  number.imbue(std::locale::classic());
-  number << value;
-  throw Error(ErrorCode::invalid_argument, what + " is " + number.str() + ", must be " + range);
+  throw Error(ErrorCode::invalid_argument, what + " is " + internal::text_of(value) + ", must be " + range);
 }
 
 }  // namespace
@@ -30,6 +27,13 @@ void AlignerOptions::check() const {
   need(min_visible >= 0 && min_visible <= 1, "min_visible", min_visible, "0 to 1");
   need(min_agreement >= -1 && min_agreement <= 1, "min_agreement", min_agreement, "-1 to 1");
   need(min_correlation >= -1 && min_correlation <= 1, "min_correlation", min_correlation, "-1 to 1");
+  need(search.grid >= 1 && search.grid <= 15 && search.grid % 2 == 1, "search.grid", search.grid, "odd, 1 to 15");
+  need(search.rotation >= 0 && search.rotation <= 1.5, "search.rotation", search.rotation, "0 to 1.5");
+  need(search.roll >= 0 && search.roll <= 3.2, "search.roll", search.roll, "0 to 3.2");
+  need(search.kept >= 1, "search.kept", search.kept, "1 or more");
+  need(search.screened >= search.kept, "search.screened", search.screened, "search.kept or more");
+  need(search.iterations >= 1 && search.iterations <= 100, "search.iterations", search.iterations, "1 to 100");
+  need(search.min_visible >= 0 && search.min_visible <= 1, "search.min_visible", search.min_visible, "0 to 1");
   need(std::isfinite(residual_sigma) && residual_sigma > 0, "residual_sigma", residual_sigma, "above 0");
 }
 
@@ -38,6 +42,8 @@ void Plan::check(const AlignerOptions& options) const {
   const auto need = [](bool ok, const char* what, double value, const std::string& range) {
     if (!ok) refuse(what, value, range);
   };
+  if (dense && options.search.enabled)
+    throw Error(ErrorCode::invalid_argument, "a start search serves sparse plans: switch search or dense off");
   // The coarsest level must hold at least one pixel with both neighbours, or there is no gradient.
   const int smallest = 3 << (options.levels - 1);
   const std::string range = "at least " + std::to_string(smallest) + " for " + std::to_string(options.levels) +

@@ -9,20 +9,37 @@ enum class Solver {
   cpu,     ///< the CPU reference: plain C++ and Eigen, no Vulkan
 };
 
-enum class Robust { unit, huber, tukey, cauchy };  ///< weights at the start of a level, scale from the median absolute residual
+/// Weights of the residuals, set once a level from those with which it starts; scale from their median absolute value. unit is
+/// the paper's; the others play down what moved by itself or is hidden.
+enum class Robust { unit, huber, tukey, cauchy };
 
 enum class Damping {
   fixed,     ///< (H + lambda D) xi = g, every step taken, as in the paper
   adaptive,  ///< Levenberg-Marquardt: a step that raises the cost is taken back, lambda follows the gain ratio
 };
 
-/// How to align. Defaults: the classical mode (grey pyramid) with gain and bias.
+/// Start search: many rotations of camera 1 about the first guess are tried at the coarsest level, so that the basin is no
+/// longer the alignment's alone. `grid` x `grid` pans and tilts, each with the rolls -roll, 0 and roll, are compared by the
+/// correlation of the images there (1); the `screened` best take `iterations` steps (2); of those the `kept` best go through
+/// the two coarsest levels (3), and the best of them is the first guess of the alignment. Sparse mode.
+struct StartSearch {
+  bool enabled = false;
+  int grid = 7;         ///< odd
+  double rotation = 0;  ///< largest pan and tilt, rad; 0: so that starts lie 3.4 pixels of the coarsest level apart
+  double roll = 0.15;   ///< rad; 0: no other rolls
+  int screened = 48, kept = 4, iterations = 5;
+  double min_visible = 0.4;  ///< starts that see less are left out
+
+  int starts() const { return grid * grid * (roll > 0 ? 3 : 1); }
+};
+
+/// How to align. Defaults: the classical mode (grey pyramid) with gain and bias, and Huber's weights.
 struct AlignerOptions {
   int levels = 4;
   int iterations = 10;   ///< at most, a level
   double lambda = 1e-6;  ///< damping, or its start value
   Damping damping = Damping::fixed;
-  Robust robust = Robust::unit;
+  Robust robust = Robust::huber;
   bool photometric = true;  ///< estimate gain a and bias b of the pair: r = f1(warp) - (a f0 + b)
   /// A level ends early when a step moves no pixel of it by more than this (px of that level). 0: never, as in the paper.
   double step_tolerance = 0.003;
@@ -33,6 +50,7 @@ struct AlignerOptions {
   /// Status::degenerate: no texture that both images share determines the pose there. On real pairs right poses have 0.1 to
   /// 0.9, wrong ones and edges of one direction in noise at most 0.06.
   double min_agreement = 0.1;
+  StartSearch search;
   double residual_sigma = 0.02;  ///< standard deviation of a residual, in feature units: the photometric weight beside a prior
 
   /// Throws Error(invalid_argument) that names the value and its range.

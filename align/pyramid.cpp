@@ -11,16 +11,50 @@ float luma(const T* p, int r, int g, int b, float scale) {
   return (0.299f * static_cast<float>(p[r]) + 0.587f * static_cast<float>(p[g]) + 0.114f * static_cast<float>(p[b])) * scale;
 }
 
+bool is_bgr(PixelFormat f) { return f == PixelFormat::bgr8 || f == PixelFormat::bgra8 || f == PixelFormat::bgr16; }
+
+template <class T>
+std::vector<T> copy_of_row(const ImageView& image, int v) {
+  std::vector<T> row(static_cast<size_t>(image.width) * channels(image.format));
+  std::memcpy(row.data(), image.row(v), row.size() * sizeof(T));  // the caller's rows need not be aligned to T
+  return row;
+}
+
 template <class T>
 void grey_row(const ImageView& image, int v, float scale, float* out) {
   const int n = channels(image.format);
-  const bool bgr =
-      image.format == PixelFormat::bgr8 || image.format == PixelFormat::bgra8 || image.format == PixelFormat::bgr16;
-  std::vector<T> row(static_cast<size_t>(image.width) * n);
-  std::memcpy(row.data(), image.row(v), row.size() * sizeof(T));  // the caller's rows need not be aligned to T
+  const bool bgr = is_bgr(image.format);
+  const std::vector<T> row = copy_of_row<T>(image, v);
   for (int u = 0; u < image.width; ++u) {
     const T* p = row.data() + static_cast<size_t>(u) * n;
     out[u] = n == 1 ? static_cast<float>(p[0]) * scale : luma(p, bgr ? 2 : 0, 1, bgr ? 0 : 2, scale);
+  }
+}
+
+/// One channel of a row: 0 R, 1 G, 2 B.
+template <class T>
+void channel_row(const ImageView& image, int v, int channel, float scale, float* out) {
+  const int n = channels(image.format);
+  const int offset = n == 1 ? 0 : is_bgr(image.format) ? 2 - channel : channel;
+  const std::vector<T> row = copy_of_row<T>(image, v);
+  for (int u = 0; u < image.width; ++u) out[u] = static_cast<float>(row[static_cast<size_t>(u) * n + offset]) * scale;
+}
+
+/// Calls visit(T(), scale) with the type of the format's components and what maps them to [0, 1].
+template <class F>
+void with_component(PixelFormat format, F&& visit) {
+  switch (format) {
+    case PixelFormat::r8:
+    case PixelFormat::rgb8:
+    case PixelFormat::bgr8:
+    case PixelFormat::rgba8:
+    case PixelFormat::bgra8: visit(uint8_t(), 1.0f / 255.0f); break;
+    case PixelFormat::r16:
+    case PixelFormat::rgb16:
+    case PixelFormat::bgr16: visit(uint16_t(), 1.0f / 65535.0f); break;
+    case PixelFormat::r32f:
+    case PixelFormat::rgb32f:
+    case PixelFormat::rgba32f: visit(float(), 1.0f); break;
   }
 }
 
@@ -45,23 +79,20 @@ double Map::gradient_v(int u, int v) const {
 
 Map grey_map(const ImageView& image) {
   Map map(image.width, image.height);
-  for (int v = 0; v < image.height; ++v) {
-    float* out = map.data.data() + static_cast<size_t>(v) * image.width;
-    switch (image.format) {
-      case PixelFormat::r8:
-      case PixelFormat::rgb8:
-      case PixelFormat::bgr8:
-      case PixelFormat::rgba8:
-      case PixelFormat::bgra8: grey_row<uint8_t>(image, v, 1.0f / 255.0f, out); break;
-      case PixelFormat::r16:
-      case PixelFormat::rgb16:
-      case PixelFormat::bgr16: grey_row<uint16_t>(image, v, 1.0f / 65535.0f, out); break;
-      case PixelFormat::r32f:
-      case PixelFormat::rgb32f:
-      case PixelFormat::rgba32f: grey_row<float>(image, v, 1.0f, out); break;
-    }
-  }
+  with_component(image.format, [&](auto component, float scale) {
+    for (int v = 0; v < image.height; ++v) grey_row<decltype(component)>(image, v, scale, &map.at(0, v));
+  });
   return map;
+}
+
+std::vector<Map> rgb_maps(const ImageView& image) {
+  std::vector<Map> maps(3, Map(image.width, image.height));
+  with_component(image.format, [&](auto component, float scale) {
+    for (int channel = 0; channel < 3; ++channel)
+      for (int v = 0; v < image.height; ++v)
+        channel_row<decltype(component)>(image, v, channel, scale, &maps[static_cast<size_t>(channel)].at(0, v));
+  });
+  return maps;
 }
 
 Map half_size(const Map& map) {

@@ -29,6 +29,9 @@ using Pyramid = std::vector<Map>;
 /// Grey map of level 0: luma 0.299 R + 0.587 G + 0.114 B in [0, 1]; a single channel is taken as it is.
 Map grey_map(const ImageView& image);
 
+/// R, G and B of level 0 in [0, 1], in this order; a single channel is all three.
+std::vector<Map> rgb_maps(const ImageView& image);
+
 /// 2x2 means, sizes floored: the classical, unlearned features.
 Pyramid grey_pyramid(const ImageView& image, int levels);
 Map half_size(const Map& map);

@@ -32,7 +32,7 @@ const char* const kFooter =
 
 void run_align(const AlignOptions& options, int& exit) {
   // What needs no image is checked first: the line is typed wrong more often than a file is broken.
-  SessionOptions session_options = options.run.session();
+  SessionOptions session_options = options.run.session(!options.initial_pose.empty());
   session_options.profile = options.profile;
   const PairLoader loader(options.load.input());
   const SE3 start = options.initial_pose.empty() ? SE3() : load_pose(options.initial_pose, "--initial-pose");

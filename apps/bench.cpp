@@ -1,9 +1,11 @@
 #include <algorithm>
 #include <cstdio>
 #include <cstdlib>
+#include <tuple>
 
 #include "apps/bench_runs.h"
 #include "apps/command.h"
+#include "apps/io/text.h"
 #include "apps/peers.h"
 #include "apps/run_options.h"
 
@@ -41,13 +43,6 @@ std::shared_ptr<engine::Context> open_device(std::string device) {
   return engine::create_context(options);
 }
 
-void parse_size(const std::string& size, BenchOptions& options) {
-  int used = 0;
-  if (std::sscanf(size.c_str(), "%5dx%5d%n", &options.width, &options.height, &used) != 2 ||
-      static_cast<size_t>(used) != size.size())
-    throw Error(ErrorCode::invalid_argument, "--size: WIDTHxHEIGHT expected, like 640x480");
-}
-
 void run(BenchCommand& command, int& exit) {
   if (command.with_peers) {
     const SessionOptions session = command.run.session();
@@ -59,7 +54,7 @@ void run(BenchCommand& command, int& exit) {
     const PeerReport report = run_peers(command.peers, terminal_progress());
     print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
   } else {
-    parse_size(command.size, command.bench);
+    std::tie(command.bench.width, command.bench.height) = parse_size(command.size, "--size");
     command.bench.check();
     const BenchReport report = run_bench(command.bench, open_device(command.run.device), terminal_progress());
     print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));

@@ -111,24 +111,29 @@ BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, i
 struct AlignerCase {
   const char* method;
   Solver solver;
-  bool colour = false, refine = false;
+  bool colour = false, refine = false, unit_weights = false, search = false;
 };
 
-const std::array kCases = {AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host},
-                           AlignerCase{"cpu", Solver::cpu}, AlignerCase{"device, colour", Solver::device, true},
-                           AlignerCase{"device + refine", Solver::device, false, true}};
+const std::array kCases = {AlignerCase{"device", Solver::device},
+                           AlignerCase{"host", Solver::host},
+                           AlignerCase{"cpu", Solver::cpu},
+                           AlignerCase{"device, colour", Solver::device, true},
+                           AlignerCase{"device + refine", Solver::device, false, true},
+                           AlignerCase{"device, unit weights", Solver::device, false, false, true},
+                           AlignerCase{"device + search", Solver::device, false, false, false, true}};
 constexpr int kOdometryThreads[] = {0, 1};
 
 bool wanted(const BenchOptions& options, const std::string& method) {
   return options.only.empty() || std::find(options.only.begin(), options.only.end(), method) != options.only.end();
 }
 
-/// Batch sizes of a case: colour at the largest only, refinement alone and at the largest.
+/// Batch sizes of a case: colour at the largest only, refinement, search and the paper's unit weights alone and at the
+/// largest.
 std::vector<int> batches_of(const AlignerCase& c, const BenchOptions& options) {
   const int most = *std::max_element(options.pairs.begin(), options.pairs.end());
   std::vector<int> batches;
   for (int n : options.pairs)
-    if ((!c.colour && !c.refine) || n == most || (c.refine && n == 1)) batches.push_back(n);
+    if ((!c.colour && !c.refine && !c.unit_weights && !c.search) || n == most || (!c.colour && n == 1)) batches.push_back(n);
   return batches;
 }
 
@@ -151,7 +156,10 @@ double set_references(Aligner& aligner, std::span<const PeerPair> batch, bool co
 
 BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
                        std::span<const PeerPair> pairs, int batch, const AlignerCase& c) {
-  const auto aligner = make_any_aligner(c.solver, context, plan_of(options, batch, c.colour), {});
+  AlignerOptions settings;
+  if (c.unit_weights) settings.robust = Robust::unit;
+  settings.search.enabled = c.search;
+  const auto aligner = make_any_aligner(c.solver, context, plan_of(options, batch, c.colour), settings);
   const auto refiner = c.refine ? std::make_unique<Refiner>(*aligner) : nullptr;
   std::vector<Pair> work;
   BenchRow row = measure(options, pairs, batch, [&](int first, std::vector<Outcome>& outcomes) {

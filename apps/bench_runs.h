@@ -26,7 +26,9 @@ struct BenchOptions {
 /// One line of the table: references and targets from host memory to poses in host memory, nothing kept from call to call but
 /// the plan.
 struct BenchRow {
-  std::string method;  ///< "device", "host", "cpu", "device, colour", "device + refine", "RgbdOdometry", ...
+  std::string method;  ///< "device", "host", "cpu", "device, colour", "device + refine", "device, unit weights",
+                       ///< "device + search",
+                       ///< "RgbdOdometry", ...
   std::string format;  ///< of the images on the device; empty for OpenCV
   int pairs = 0;       ///< in one call
   int calls = 0;       ///< that were timed

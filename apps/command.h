@@ -49,5 +49,6 @@ void add_batch(CLI::App& app, int& exit);
 void add_devices(CLI::App& app, int& exit);
 void add_demo(CLI::App& app, int& exit);
 void add_bench(CLI::App& app, int& exit);
+void add_model(CLI::App& app, int& exit);
 
 }  // namespace iclk

@@ -142,9 +142,8 @@ std::string hint(Status status, bool feature_file) {
       return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 200 or "
              "--detector grid";
     case Status::diverged:
-      return "the images do not agree: is the motion larger than about 20 px (give --initial-pose or a nearer frame)? are "
-             "--camera and "
-             "--depth-scale right?";
+      return "the images do not agree: is the motion larger than the search finds, some 10 degrees (give --initial-pose or a "
+             "nearer frame, or a larger --search-grid)? are --camera and --depth-scale right?";
   }
   return "";
 }
@@ -155,11 +154,18 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
       {"load", number(pair.load_ms)}, {"detect", number(pair.detect_ms)},
       {"setup", number(t.setup)},     {"prepare", number(t.prepare)},
       {"align", number(t.align)},     {"total", number(pair.load_ms + pair.detect_ms + t.setup + t.prepare + t.align)}};
-  return {{"status", name(result.status)},        {"reason", result.reason},
-          {"T_10", matrix(result.T_10.matrix())}, {"covariance", matrix(covariance_or_nan(result))},
-          {"stages", stages(pair, result)},       {"levels", levels(result.iclk)},
-          {"features", features(pair, result)},   {"visible_fraction", number(result.iclk.visible_fraction)},
-          {"device", session.device_name()},      {"timing_ms", std::move(timing)}};
+  return {{"status", name(result.status)},
+          {"reason", result.reason},
+          {"T_10", matrix(result.T_10.matrix())},
+          {"covariance", matrix(covariance_or_nan(result))},
+          {"stages", stages(pair, result)},
+          {"levels", levels(result.iclk)},
+          {"features", features(pair, result)},
+          {"visible_fraction", number(result.iclk.visible_fraction)},
+          {"correlation", number(result.iclk.correlation)},
+          {"agreement", number(result.iclk.agreement)},
+          {"device", session.device_name()},
+          {"timing_ms", std::move(timing)}};
 }
 
 std::string to_table(const PairInput& pair, const RefinedAlignment& result, const Session& session) {

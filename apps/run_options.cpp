@@ -20,9 +20,8 @@ void RunOptions::add_to(CLI::App& command) {
       ->capture_default_str();
   command.add_option("--iterations", aligner.iterations, "Iterations a level, at most")->capture_default_str();
   command
-      .add_option(
-          "--robust", robust,
-          "Weights of the residuals; huber, tukey and cauchy play down what moved by itself, for about half as much time again")
+      .add_option("--robust", robust,
+                  "Weights of the residuals; unit is the paper's. huber, tukey and cauchy play down what moved by itself")
       ->capture_default_str()
       ->check(CLI::IsMember({"unit", "huber", "tukey", "cauchy"}));
   command
@@ -31,6 +30,16 @@ void RunOptions::add_to(CLI::App& command) {
       ->capture_default_str()
       ->check(CLI::IsMember({"fixed", "adaptive"}));
   command.add_option("--lambda", aligner.lambda, "Damping, or its start value")->capture_default_str();
+  command
+      .add_option("--search", search,
+                  "Try many rotations about the first guess at the coarsest level and begin with the best; auto: where no "
+                  "first guess is given")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"auto", "on", "off"}));
+  command.add_option("--search-grid", aligner.search.grid, "Pans and tilts to try, so many each; odd")->capture_default_str();
+  command.add_option(
+      "--search-rotation", search_rotation,
+      "Largest pan and tilt, degrees; default: as the grid reaches with steps of 3.4 pixels of the coarsest level");
   command.add_flag("--no-photometric", no_photometric, "Do not estimate the pair's exposure (gain and bias)");
   command.add_flag("--dense", dense, "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
   command.add_flag("--no-refine", no_refine, "Stop after ICLK: no feature alignment, no pose refinement");
@@ -38,7 +47,7 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_flag("--structure", refiner.structure, "Refine the inverse depths along with the pose at the end");
 }
 
-SessionOptions RunOptions::session() const {
+SessionOptions RunOptions::session(bool guessed) const {
   SessionOptions options;
   options.solver = parse_solver(solver);
   options.device = device;
@@ -46,6 +55,8 @@ SessionOptions RunOptions::session() const {
   options.aligner.robust = parse_robust(robust);
   options.aligner.damping = parse_damping(damping);
   options.aligner.photometric = !no_photometric;
+  options.aligner.search.enabled = search == "on" || (search == "auto" && !guessed && !dense);
+  options.aligner.search.rotation = search_rotation * M_PI / 180;
   options.dense = dense;
   options.refine = !no_refine;
   options.refiner = refiner;

@@ -10,14 +10,16 @@ namespace iclk {
 
 /// The options that align, batch and bench share, as text until they are checked.
 struct RunOptions {
-  std::string solver = "host", device, robust = "unit", damping = "fixed";
+  std::string solver = "host", device, robust = "huber", damping = "fixed", search = "auto";
+  double search_rotation = 0;  // degrees
   AlignerOptions aligner;
   RefinerOptions refiner;
   bool no_photometric = false, no_refine = false, dense = false;
 
   void add_to(CLI::App& command);
   /// Throws Error(invalid_argument) that names the value.
-  SessionOptions session() const;
+  /// `guessed`: the pairs come with a first guess, about which nothing is searched unless --search on.
+  SessionOptions session(bool guessed = false) const;
 };
 
 /// The options by which files become pairs.

@@ -11,7 +11,7 @@ layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; }
 layout(set = 0, binding = 3) uniform samplerBuffer template_a;
 layout(set = 0, binding = 4) uniform samplerBuffer template_b;
 layout(set = 0, binding = 5) uniform samplerBuffer maps1;
-layout(set = 0, binding = 6, std430) readonly buffer Weights { float weights[]; };
+layout(set = 0, binding = 6, std430) readonly buffer Weights { vec4 weights[]; };
 layout(set = 0, binding = 7, std430) readonly buffer States { PairState states[]; };
 layout(set = 0, binding = 8, std430) writeonly buffer Parts { vec4 parts[]; };
 layout(push_constant) uniform Push { IteratePush push; };
@@ -21,14 +21,14 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "normal_equations.glsl"
 #include "pair.glsl"
 
-void add_gradients(View view, int k) {
+void add_gradients(View view, int k, float weight) {
   vec4 a = texelFetch(template_a, view.template_base + k);
   vec2 g0 = texelFetch(template_b, view.template_base + k).xy;
   vec2 top, bottom, f;
   vec3 p;
   bool visible;
   target_at(view, a, top, bottom, f, p, visible);
-  float w = visible ? (view.unit_weights ? 1.0 : weights[view.weight_base + k]) : 0.0;
+  float w = visible ? weight : 0.0;
 
   // Gradient of the bilinear surface, and d(warped pixel) / d(pixel) with the inverse depth held.
   vec2 gradient = vec2(mix(top.y - top.x, bottom.y - bottom.x, f.y), mix(bottom.x - top.x, bottom.y - top.y, f.x));
@@ -65,6 +65,8 @@ void add_gradients(View view, int k) {
   sums[14] += vec4(whi1.x * hi1, whi1.y * hi1);
 }
 
+ICLK_DEFINE_SUM(add_all_gradients, add_gradients)
+
 void main() {
   uint pair = gl_WorkGroupID.y;
   if (pairs[pair].enabled == 0u) return;
@@ -73,7 +75,7 @@ void main() {
   uint begin = gl_WorkGroupID.x * push.group_elements;
   uint end = min(begin + push.group_elements, levels[push.level].element_count);
   clear_sums();
-  for (uint k = begin + gl_LocalInvocationIndex; k < end; k += gl_WorkGroupSize.x) add_gradients(view, int(k));
+  add_all_gradients(view, begin, end);
   reduce_sums();
   if (gl_LocalInvocationIndex == 0u) {
     uint at = (pair * push.groups + gl_WorkGroupID.x) * ICLK_SUM_VECTORS;

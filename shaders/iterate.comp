@@ -14,7 +14,7 @@ layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; }
 layout(set = 0, binding = 3) uniform samplerBuffer template_a;
 layout(set = 0, binding = 4) uniform samplerBuffer template_b;
 layout(set = 0, binding = 5) uniform samplerBuffer maps1;
-layout(set = 0, binding = 6, std430) readonly buffer Weights { float weights[]; };
+layout(set = 0, binding = 6, std430) buffer Weights { vec4 weights[]; };
 layout(set = 0, binding = 7, std430) buffer States { PairState states[]; };
 layout(set = 0, binding = 8, std430) writeonly buffer Trace { TraceEntry trace[]; };
 layout(push_constant) uniform Push { IteratePush push; };
@@ -22,15 +22,33 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "level.glsl"
 #include "residual.glsl"
 #include "normal_equations.glsl"
+#include "weights.glsl"
 #include "pair.glsl"
 #include "prior.glsl"
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 
-void evaluate(View view, int count) {
+void evaluate(View view, uint count) {
   clear_sums();
-  for (int k = int(gl_LocalInvocationIndex); k < count; k += int(gl_WorkGroupSize.x)) add_element(view, k);
+  add_elements(view, 0u, count);
   reduce_sums();
+}
+
+// Each lane leaves the weights of its own elements: nobody else reads them here.
+float weigh_level(View view, uint count) {
+  uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;
+  uint vectors = (count + 4u * lanes - 1u) / (4u * lanes) * lanes;
+  for (uint k = lane; k < vectors; k += lanes) {
+    vec4 m = magnitudes_at(view, 4u * (k - lane) + lane, count);
+    weights[view.weight_base + k] = m;
+    count_below(m.x);
+    count_below(m.y);
+    count_below(m.z);
+    count_below(m.w);
+  }
+  float scale = scale_of(view.weight_base, vectors);
+  weigh(view.weight_base, vectors, scale);
+  return scale;
 }
 
 void main() {
@@ -39,7 +57,7 @@ void main() {
   bool write = gl_LocalInvocationIndex == 0u;
   bool has_prior = pairs[pair].has_prior != 0u;
   ReferenceInfo reference = references[pairs[pair].reference];
-  int count = int(levels[push.level].element_count);
+  uint count = min(levels[push.level].element_count, push.max_elements);
   View view = view_of(pair);
   Lm lm = load_state(pair);
   if ((push.flags & ICLK_FLAG_GIVEN) != 0u) {
@@ -53,6 +71,13 @@ void main() {
   bool starts = (push.flags & ICLK_FLAG_START) != 0u, ends = (push.flags & ICLK_FLAG_END) != 0u;
   uint taken = 0u;
   begin_level(lm);  // also where it starts: the state of an earlier batch, or none, must not count as done
+  if (WEIGHTED && ROBUST != ICLK_ROBUST_UNIT && !view.unit_weights) {  // a learned M-estimator has left its own
+    view.pose = lm.pose;
+    view.gain = lm.gain;
+    view.bias = lm.bias;
+    float scale = weigh_level(view, count);
+    if (write) states[pair].scale[push.level] = scale;
+  }
   uint evaluations = starts ? 1u : push.iterations + (ends ? 1u : 0u);
   for (uint i = 0u; i < evaluations; ++i) {
     bool last = ends && (lm.done || i == push.iterations);

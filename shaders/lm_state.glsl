@@ -68,7 +68,7 @@ void lm_advance(inout Lm lm, uint pair, uint iteration, bool has_prior, float fo
   bool accepted = lm_judge(lm, pair, has_prior);
   float lambda = lm.lambda;
   lm_propose(lm, pair, has_prior, focal, mean_inverse_depth, push.step_tolerance);
-  if (!write) return;
+  if (!write || (push.flags & ICLK_FLAG_NO_TRACE) != 0u) return;
   uint at = pair * push.trace_stride + push.trace_offset + iteration;
   STORE_POSE(trace[at].pose, lm.pose)
   trace[at].cost = cost;

@@ -1,6 +1,6 @@
 #version 460
 // Input of the convolutional M-estimator: (|r|, f0, warped f1, weight of the coarser level) of every visible mask pixel, at its
-// place in an image of the level that was zeroed before. Leaves the residuals as residual.comp does, 3e38 where invisible.
+// place in an image of the level that was zeroed before. Leaves the residuals as well, 3e38 where invisible.
 // Groups: (ceil(element_count / local size), pairs of the pass, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -49,7 +49,7 @@ void main() {
   vec2 left_right = mix(top, bottom, f.y);
   float f1 = mix(left_right.x, left_right.y, f.x);
   float r = f1 - (view.gain * a.w + view.bias);
-  residuals[view.weight_base + int(k)] = visible ? r : 3e38;
+  residuals[pair * push.weight_stride + k] = visible ? r : 3e38;
   if (!visible) return;
   inputs[gl_WorkGroupID.y * push.inputs_stride + uint(a.y) * info.width + uint(a.x)] =
       vec4(abs(r), a.w, f1, coarser_weight(pair, info, a.xy));

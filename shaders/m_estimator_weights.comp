@@ -5,6 +5,7 @@
 #include "shared.h"
 #include "network.h"
 layout(local_size_x_id = 0) in;
+layout(constant_id = 1) const uint LANES = 8;  // of a workgroup of the sums
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Corners { ivec2 corners[]; };
@@ -32,7 +33,9 @@ void main() {
   bool visible = inside && abs(residuals[element]) < 1e38;
   float x = texelFetch(activations, int(id)).x;
   float weight = visible ? 1.0 / (1.0 + exp(-x)) : 0.0;
-  weights[element] = weight;
+  // Four elements of a lane are neighbours there: weights.glsl.
+  uint block = k / (4u * LANES) * (4u * LANES), in_block = k - block;
+  weights[pair * push.weight_stride + block + 4u * (in_block % LANES) + in_block / LANES] = weight;
   if (visible && push.level > 0u)
     prior[pair * push.prior_stride + info.map_offset - push.prior_origin + uint(place.y) * info.pitch + uint(place.x)] = weight;
 }

@@ -11,7 +11,7 @@ layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; }
 layout(set = 0, binding = 3) uniform samplerBuffer template_a;
 layout(set = 0, binding = 4) uniform samplerBuffer template_b;
 layout(set = 0, binding = 5) uniform samplerBuffer maps1;
-layout(set = 0, binding = 6, std430) readonly buffer Weights { float weights[]; };
+layout(set = 0, binding = 6, std430) readonly buffer Weights { vec4 weights[]; };
 layout(set = 0, binding = 7, std430) readonly buffer States { PairState states[]; };
 layout(set = 0, binding = 8, std430) writeonly buffer Parts { vec4 parts[]; };
 layout(push_constant) uniform Push { IteratePush push; };
@@ -31,7 +31,7 @@ void main() {
   uint begin = gl_WorkGroupID.x * push.group_elements;
   uint end = min(begin + push.group_elements, levels[push.level].element_count);
   clear_sums();
-  for (uint k = begin + gl_LocalInvocationIndex; k < end; k += gl_WorkGroupSize.x) add_element(view, int(k));
+  add_elements(view, begin, end);
   reduce_sums();
   if (gl_LocalInvocationIndex == 0u) {
     uint at = (pair * push.groups + gl_WorkGroupID.x) * ICLK_SUM_VECTORS;

@@ -23,12 +23,12 @@ void jacobian(View view, vec4 a, vec2 gradient, out vec4 lo, out vec2 hi) {
   hi = vec2(x * gxy + g.x, g.y * x - g.x * y);
 }
 
-void add_element(View view, int k) {
+void add_element(View view, int k, float weight) {
   vec4 a = texelFetch(template_a, view.template_base + k);
   vec2 gradient = texelFetch(template_b, view.template_base + k).xy;
   bool visible;
   float r = residual_at(view, a, visible);
-  float w = visible ? (view.unit_weights ? 1.0 : weights[view.weight_base + k]) : 0.0;
+  float w = visible ? weight : 0.0;
   r = visible ? r : 0.0;
 
   vec4 lo;
@@ -54,6 +54,25 @@ void add_element(View view, int k) {
   sums[13] += r * whi;
   sums[14] += vec4(w * r * r, visible ? 1.0 : 0.0, a.z > 0.0 ? 1.0 : 0.0, 0.0);
 }
+
+// Defines `all`: calls `one` for the elements begin to end - 1. begin is that of a block of weights (weights.glsl).
+#define ICLK_DEFINE_SUM(all, one)                                                                    \
+  void all(View view, uint begin, uint end) {                                                        \
+    uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;                                 \
+    if (!WEIGHTED) {                                                                                 \
+      for (uint k = begin + lane; k < end; k += lanes) one(view, int(k), 1.0);                       \
+      return;                                                                                        \
+    }                                                                                                \
+    for (uint block = begin; block < end; block += 4u * lanes) {                                     \
+      vec4 w = vec4(1.0);                                                                            \
+      if (!view.unit_weights) w = weights[view.weight_base + block / 4u + lane];                     \
+      for (uint j = 0u, k = block + lane; j < 4u && k < end; ++j, k += lanes) {                      \
+        one(view, int(k), w.x);                                                                      \
+        w = w.yzwx;                                                                                  \
+      }                                                                                              \
+    }                                                                                                \
+  }
+ICLK_DEFINE_SUM(add_elements, add_element)
 
 #define ICLK_STORE_SUMS(to, at)                                                                      \
   to[at] = sums[0]; to[at + 1u] = sums[1]; to[at + 2u] = sums[2]; to[at + 3u] = sums[3];              \

@@ -7,9 +7,9 @@ View view_of(uint pair) {
   View view;
   view.camera = level_camera(references[reference], info, push.level);
   view.template_base = int(reference * push.element_stride + info.element_offset);
-  view.map_base = int(pair * push.map_stride + info.map_offset);
+  view.map_base = int(pairs[pair].target * push.map_stride + info.map_offset);
   view.pitch = int(info.pitch);
-  view.weight_base = int(pair * push.weight_stride);
+  view.weight_base = pair * (push.weight_stride / 4u);
   view.unit_weights = !WEIGHTED || (push.flags & ICLK_FLAG_UNIT_WEIGHTS) != 0u;
   return view;
 }

@@ -1,6 +1,6 @@
 #version 460
-// Residuals with which a level starts, for its M-estimator weights; 3e38 where a pixel is not in the mask or not visible.
-// Groups: (ceil(element_count / local size), pairs, 1).
+// |r| with which a level starts, in the place of its M-estimator weights (weights.glsl), each workgroup of a slice.
+// Groups: (groups, pairs, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 layout(local_size_x_id = 0) in;
@@ -10,9 +10,8 @@ layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; }
 layout(set = 0, binding = 3) uniform samplerBuffer template_a;
 layout(set = 0, binding = 4) uniform samplerBuffer template_b;
 layout(set = 0, binding = 5) uniform samplerBuffer maps1;
-layout(set = 0, binding = 6, std430) readonly buffer Unused { float weights[]; };
+layout(set = 0, binding = 6, std430) writeonly buffer Weights { vec4 weights[]; };
 layout(set = 0, binding = 7, std430) readonly buffer States { PairState states[]; };
-layout(set = 0, binding = 8, std430) writeonly buffer Residuals { float residuals[]; };
 layout(push_constant) uniform Push { IteratePush push; };
 #include "se3.glsl"
 #include "level.glsl"
@@ -20,11 +19,11 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "pair.glsl"
 
 void main() {
-  uint pair = gl_WorkGroupID.y, k = gl_GlobalInvocationID.x;
-  if (pairs[pair].enabled == 0u || k >= levels[push.level].element_count) return;
+  uint pair = gl_WorkGroupID.y, count = levels[push.level].element_count, lane = gl_LocalInvocationIndex;
+  if (pairs[pair].enabled == 0u) return;
   View view = view_of(pair);
   set_point(view, pair);
-  bool visible;
-  float r = residual_at(view, texelFetch(template_a, view.template_base + int(k)), visible);
-  residuals[view.weight_base + k] = visible ? r : 3e38;
+  uint begin = gl_WorkGroupID.x * push.group_elements, end = min(begin + push.group_elements, count);
+  for (uint block = begin; block < end; block += 4u * gl_WorkGroupSize.x)
+    weights[view.weight_base + block / 4u + lane] = magnitudes_at(view, block + lane, count);
 }

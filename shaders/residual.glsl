@@ -1,5 +1,5 @@
 // Residual of one element (align/internal/normal_equations.h: residuals). Needs level.glsl, se3.glsl and the bindings
-//   template_a, template_b, maps1 (samplerBuffer), weights[] of the including shader.
+//   template_a, template_b, maps1 (samplerBuffer) of the including shader.
 
 // False: no evaluation of this aligner has weights. A flag is not enough: lavapipe runs both sides of a branch.
 layout(constant_id = 3) const bool WEIGHTED = true;
@@ -9,7 +9,8 @@ struct View {
   LevelCamera camera;
   Pose pose;
   float gain, bias;
-  int template_base, map_base, pitch, weight_base;
+  int template_base, map_base, pitch;
+  uint weight_base;  // vec4
   bool unit_weights;
 };
 
@@ -39,4 +40,15 @@ float residual_at(View view, vec4 a, out bool visible) {
   target_at(view, a, top, bottom, f, p, visible);
   vec2 left_right = mix(top, bottom, f.y);
   return mix(left_right.x, left_right.y, f.x) - (view.gain * a.w + view.bias);
+}
+
+// |r| of the elements k, k + L, k + 2 L and k + 3 L; see weights.glsl.
+vec4 magnitudes_at(View view, uint k, uint end) {
+  vec4 m = vec4(0.0);
+  for (uint j = 0u; j < 4u; ++j, k += gl_WorkGroupSize.x) {
+    bool visible;
+    float r = residual_at(view, texelFetch(template_a, view.template_base + int(min(k, end - 1u))), visible);
+    m = vec4(m.yzw, visible && k < end ? abs(r) : 3e38);
+  }
+  return m;
 }

@@ -14,6 +14,7 @@ layout(set = 0, binding = 4, std430) writeonly buffer Results { ResultInfo resul
 layout(push_constant) uniform Push { ResultPush push; };
 #include "se3.glsl"
 #include "prior.glsl"
+#include "moments.glsl"
 
 // iclk::Status
 const uint CONVERGED = 0u, MAX_ITERATIONS = 1u, LOW_OVERLAP = 2u, DEGENERATE = 3u, TOO_FEW_FEATURES = 4u, DIVERGED = 5u;
@@ -168,16 +169,9 @@ void main() {
     states[pair].agreement[4u * i + 2u] = total[i].z;
     states[pair].agreement[4u * i + 3u] = total[i].w;
   }
-  // Moments of f0 and of the warped f1 = r + a f0 + b, align/internal/normal_equations.cpp.
-  float a = states[pair].accepted_gain, b = states[pair].accepted_bias;
-  float n = states[pair].sums[4 * 11 + 3], s0 = states[pair].sums[4 * 10 + 3];
-  float s00 = states[pair].sums[4 * 10 + 2], s0r = states[pair].sums[4 * 13 + 2], sr = states[pair].sums[4 * 13 + 3];
+  float a = states[pair].accepted_gain, b = states[pair].accepted_bias, n = states[pair].sums[4 * 11 + 3];
   float cost = states[pair].sums[4 * 14], visible = states[pair].sums[4 * 14 + 1], masked = states[pair].sums[4 * 14 + 2];
-  float s1 = sr + a * s0 + b * n, s01 = s0r + a * s00 + b * s0;
-  float s11 = cost + 2.0 * (a * s0r + b * sr) + a * a * s00 + 2.0 * a * b * s0 + b * b * n;
-  float v0 = s00 - s0 * s0 / n, v1 = s11 - s1 * s1 / n;
-  bool textured = n > 0.0 && v0 > 1e-6 * n && v1 > 1e-6 * n;
-  float correlation = textured ? clamp((s01 - s0 * s1 / n) * inversesqrt(v0 * v1), -1.0, 1.0) : 0.0;
+  float correlation = correlation_of(pair);
   float fraction = masked > 0.0 ? visible / masked : 0.0;
   float last_step = states[pair].last_step;
 
@@ -191,7 +185,7 @@ void main() {
   uint status;
   if (!(sum < 1e30)) status = DIVERGED;
   else if (!(fraction >= push.min_visible) || visible == 0.0) status = LOW_OVERLAP;
-  else if (!textured) status = DEGENERATE;
+  else if (correlation == 0.0) status = DEGENERATE;  // an image is constant
   else status = judge(pair, variance, correlation);
   if (status == CONVERGED) {
     for (uint i = 0u; i < 36u; ++i) results[pair].covariance[i] = both[i];

@@ -45,6 +45,11 @@ using uint = uint32_t;
 #define ICLK_FORMAT_R32F 3
 #define ICLK_FORMAT_RGBA32F 4
 
+// Distance of the starts of a search, pixels of the coarsest level: the basin of an alignment is about 5 wide.
+#define ICLK_SEARCH_CELLS 3.4
+#define ICLK_SEARCH_STARTS 675    // at most: 15 x 15 with three rolls
+#define ICLK_SEARCH_FEATURES 256  // only so many, the first, take part
+
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0
 #define ICLK_ROBUST_HUBER 1
@@ -90,7 +95,7 @@ struct PairInfo {
   uint reference;
   uint enabled;  // 0: nothing is computed for this pair
   uint has_prior;
-  uint unused;
+  uint target;       // whose maps
   float gain, bias;  // where to evaluate: the host solver's point
   float pose[12];
   float prior_pose[12];
@@ -198,12 +203,22 @@ struct IteratePush {
   float step_tolerance;
   uint trace_stride;  // entries from a pair's trace to the next
   uint trace_offset;  // of this level
+  uint max_elements;  // iterate: more take no part
 };
 // flags
 #define ICLK_FLAG_UNIT_WEIGHTS 1u  // do not read the weights
 #define ICLK_FLAG_END 2u           // evaluate once more after the last step and judge it
 #define ICLK_FLAG_START 4u         // start gain and bias from the moments of the images, take no step
-#define ICLK_FLAG_GIVEN 8u         // the point is the host's (PairInfo), not the state's
+#define ICLK_FLAG_NO_TRACE 16u
+#define ICLK_FLAG_GIVEN 8u  // the point is the host's (PairInfo), not the state's
+
+// The start search: keep `keep` of the `count` candidates of each pair.
+struct SelectPush {
+  uint starts;  // PairInfo of a pair in the list of starts
+  uint count, keep;
+  uint last;  // 1: the pair's own PairInfo gets the pose
+  float min_visible;
+};
 
 // Feature alignment: all features of one pair, warped by one pose.
 struct FeatureTask {

@@ -56,6 +56,9 @@ struct DeviceAligner::Impl {
   /// Copies staged pixels and prepares what is dirty.
   void prepare_dirty(engine::Recorder& recorder);
   void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
+  /// Writes pair `index` of a run, its starts included where there is a search.
+  void pack(const SE3& T_10, const std::optional<PosePrior>& prior, int reference, uint32_t index,
+            const internal::RunBuffers& to_ids, const engine::Workspace& to) const;
   std::vector<Alignment> align_on_device(std::span<const Pair> pairs);
   std::vector<Alignment> align_on_host(std::span<const Pair> pairs);
   void submit();

@@ -74,6 +74,8 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
     return memory.add(name, kTexel * count, MemoryKind::device, BufferUse::storage | BufferUse::texel,
                       VK_FORMAT_R32G32B32A32_SFLOAT);
   };
+  residuals_ = memory.add("M-estimator residuals", 4ull * weight_stride_ * static_cast<uint64_t>(batch), MemoryKind::device,
+                          BufferUse::storage);
   inputs_ = add("M-estimator input", pixels * pairs_per_pass_);
   prior_ = memory.add("M-estimator weight maps",
                       4 * std::max<uint64_t>(1, static_cast<uint64_t>(prior_stride_) * static_cast<uint64_t>(batch)),
@@ -91,7 +93,8 @@ uint32_t MEstimator::patches_per_pair(int level, uint32_t features) const {
                 : std::min(features, max_features_);
 }
 
-void MEstimator::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
+void MEstimator::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle,
+                      uint32_t sum_lanes) {
   using enum engine::BindingKind;
   PackedWeights packed;
   for (size_t i = 0; i < layers_.size(); ++i) layers_[i].packed = packed.add(model_->m_estimator[i], ConvVariant::direct);
@@ -122,7 +125,7 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
               m_estimator_weights_comp_spv,
               {storage_read, storage_read, storage_read, texel_read, storage_read, storage_write, storage_write},
               bytes,
-              {kLanes}}};
+              {kLanes, sum_lanes}}};
 }
 
 void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs,
@@ -150,7 +153,7 @@ void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& mem
     recorder.fill(memory[inputs_], 0, 0, kTexel * push.inputs_stride * count);
     recorder.dispatch(input_,
                       {buffers.levels, buffers.references, buffers.pairs, buffers.template_a, buffers.maps1, buffers.states,
-                       &memory[prior_], buffers.residuals, &memory[inputs_]},
+                       &memory[prior_], &memory[residuals_], &memory[inputs_]},
                       push, {engine::groups_for(info.element_count, kLanes), count, 1});
     const uint32_t patches = push.patches_per_pair * count;
     for (push.first_patch = 0; push.first_patch < patches; push.first_patch += patches_per_chunk_) {
@@ -194,7 +197,7 @@ void MEstimator::record_patches(engine::Recorder& recorder, const engine::Worksp
   }
   recorder.dispatch(weight_,
                     {buffers.levels, buffers.pairs, &memory[corners_], &memory[activations_[layers_.size() % 2]],
-                     buffers.residuals, buffers.weights, &memory[prior_]},
+                     &memory[residuals_], buffers.weights, &memory[prior_]},
                     push, {engine::groups_for(push.patches * ICLK_PATCH_AREA, kLanes), 1, 1});
 }
 

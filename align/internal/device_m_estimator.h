@@ -14,12 +14,13 @@ class MEstimator {
   MEstimator(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
              int batch, engine::MemoryPlan& memory);
 
-  /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
-  void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle);
+  /// Makes the kernels and writes the weights. `memory` is a workspace of that plan; `sum_lanes`:
+  /// WorkgroupSizes::iterate, by which weights are arranged.
+  void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle, uint32_t sum_lanes);
 
-  /// The aligner's buffers that it reads, and the two that it writes.
+  /// The aligner's buffers that it reads, and the weights, which it writes.
   struct Buffers {
-    const engine::Buffer *levels, *references, *pairs, *features, *template_a, *maps1, *states, *weights, *residuals;
+    const engine::Buffer *levels, *references, *pairs, *features, *template_a, *maps1, *states, *weights;
   };
   /// Precondition: load(). `features`: of any reference, at most; `flags`: ICLK_FLAG_GIVEN or 0.
   void record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs, uint32_t features,
@@ -42,7 +43,7 @@ class MEstimator {
   uint32_t max_features_, element_stride_, map_stride_, weight_stride_, prior_origin_ = 0, prior_stride_ = 0, lanes_;
   uint32_t margin_ = 0, pairs_per_pass_ = 1, patches_per_chunk_ = 1;
   std::vector<Layer> layers_;
-  engine::BufferId inputs_, prior_, corners_, weights_, activations_[2];
+  engine::BufferId inputs_, residuals_, prior_, corners_, weights_, activations_[2];
   engine::Kernel input_, patch_, convolution_, weight_;
 };
 

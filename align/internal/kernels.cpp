@@ -11,6 +11,7 @@
 #include "pyramid.comp.spv.h"
 #include "residual.comp.spv.h"
 #include "result.comp.spv.h"
+#include "select.comp.spv.h"
 #include "weights.comp.spv.h"
 
 namespace iclk::internal {
@@ -29,7 +30,8 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                  const Layout& layout, const WorkgroupSizes& sizes) {
   using enum engine::BindingKind;
   using namespace shaders;
-  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted;
+  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
+                 robust = static_cast<uint32_t>(options.robust);
   pyramid = {context,
              {"pyramid",
               pyramid_comp_spv,
@@ -57,16 +59,15 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
     residual = {context,
                 {"residual",
                  residual_comp_spv,
-                 {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
-                  storage_write},
+                 {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_write, storage_read},
                  sizeof(IteratePush),
-                 {sizes.map}}};
+                 {sizes.iterate}}};
     weights = {context,
                {"weights",
                 weights_comp_spv,
-                {storage_read, storage_read, storage_read, storage_write, storage_read_write},
+                {storage_read, storage_read, storage_read_write, storage_read_write},
                 sizeof(IteratePush),
-                {sizes.weights, static_cast<uint32_t>(options.robust)}}};
+                {sizes.weights, 4 * sizes.iterate, 0, 0, robust}}};
   }
   normal_equations = {context,
                       {"normal_equations",
@@ -84,10 +85,10 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   iterate = {context,
              {"iterate",
               iterate_comp_spv,
-              {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read_write,
-               storage_write},
+              {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read_write,
+               storage_read_write, storage_write},
               sizeof(IteratePush),
-              {sizes.iterate, photometric, adaptive, weighted}}};
+              {sizes.iterate, photometric, adaptive, weighted, robust}}};
   agreement = {context,
                {"agreement",
                 agreement_comp_spv,
@@ -95,6 +96,13 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                  storage_write},
                 sizeof(IteratePush),
                 {sizes.iterate, photometric, adaptive, weighted}}};
+  if (options.search.enabled)
+    select = {context,
+              {"search",
+               select_comp_spv,
+               {storage_read, storage_read, storage_read, storage_read_write},
+               sizeof(SelectPush),
+               {sizes.iterate}}};
   result = {context,
             {"result",
              result_comp_spv,

@@ -13,7 +13,7 @@ struct Kernels {
           const WorkgroupSizes& sizes);
 
   engine::Kernel pyramid, halve, mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate,
-      agreement, result;
+      agreement, result, select;
 };
 
 }  // namespace iclk::internal

@@ -40,7 +40,8 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
     }
     levels.push_back(info);
   }
-  map_stride = std::max(map_stride, 4u);  // no map at all is no buffer
+  weight_stride = round_up(weight_stride, 1024);  // whole blocks (shaders/weights.glsl) of the largest workgroup
+  map_stride = std::max(map_stride, 4u);          // no map at all is no buffer
   trace_stride = static_cast<uint32_t>(options.levels * options.iterations);
 }
 
@@ -72,14 +73,16 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
   return static_cast<int>(std::min<uint64_t>(pairs, static_cast<uint64_t>(plan.max_pairs)));
 }
 
-WorkgroupSizes::WorkgroupSizes(engine::DeviceType type) {
+WorkgroupSizes::WorkgroupSizes(engine::DeviceType type, const AlignerOptions& options) {
   const bool cpu = type == engine::DeviceType::cpu;
   iterate = cpu ? 8 : 256;
   map = 64;
   weights = 256;
   group_elements = cpu ? 800 : 1024;
-  // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): 10 iterations of 32,768 / 8.
-  fused_elements = cpu ? 32768 : 16384;
+  // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): an evaluation of n elements is
+  // n / 8 * 5 / 4 rounds, and the weights of a level are as many as 11 evaluations.
+  const auto evaluations = static_cast<uint32_t>(options.iterations) + 12;
+  fused_elements = cpu ? std::min(16384u, 65535u * 8 * 4 / 5 / evaluations) : 16384u;
 }
 
 }  // namespace iclk::internal

@@ -20,7 +20,7 @@ struct Layout {
   bool weighted = false;                   // elements have weights of their own
   bool level0_in_pixels = false;           // level 0 is no map: kernels read the raw pixels through a texel view
   uint32_t element_stride = 0;             // elements of a reference's template, all levels
-  uint32_t weight_stride = 0;              // elements of the level that has most
+  uint32_t weight_stride = 0;              // elements of the level that has most, in whole blocks of weights
   uint32_t trace_stride = 0;               // entries of a pair
   uint32_t tile_stride = 0;                // mask tiles of a reference at most, all levels
   uint32_t entry_stride = 0;               // their entries
@@ -44,7 +44,7 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
 
 /// Invocations a workgroup by what the device is: a CPU runs one SIMD vector at a time and pays for every masked lane.
 struct WorkgroupSizes {
-  explicit WorkgroupSizes(engine::DeviceType type);
+  WorkgroupSizes(engine::DeviceType type, const AlignerOptions& options);
   uint32_t iterate;         // sums with a reduction
   uint32_t map;             // one invocation a pixel, block or element
   uint32_t weights;         // one workgroup a pair

@@ -39,7 +39,6 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   template_b = plan.add("template gradients", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   const bool weighted = layout.weighted;
   weights = plan.add("weights", weighted ? 4ull * layout.weight_stride * pairs_n : 16, MemoryKind::device, storage);
-  residuals = plan.add("residuals", weighted ? 4ull * layout.weight_stride * pairs_n : 16, MemoryKind::device, storage);
   uint64_t groups = 1;
   for (size_t l = 0; l < layout.levels.size(); ++l)
     if (l == 0 || solver == Solver::host || layout.levels[l].element_count > sizes.fused_elements)  // level 0: agreement
@@ -55,7 +54,7 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   }
 }
 
-RunBuffers::RunBuffers(const Layout& layout, bool unified_memory, int count) {
+RunBuffers::RunBuffers(const Layout& layout, const AlignerOptions& options, bool unified_memory, int count) {
   const auto n = static_cast<uint64_t>(count);
   const uint64_t state_bytes = sizeof(shaders::PairState) * n,
                  trace_bytes = sizeof(shaders::TraceEntry) * n * layout.trace_stride;
@@ -66,6 +65,16 @@ RunBuffers::RunBuffers(const Layout& layout, bool unified_memory, int count) {
   if (!unified_memory) {
     states_read = plan.add("states read back", state_bytes, MemoryKind::readback, BufferUse::transfer);
     trace_read = plan.add("trace read back", trace_bytes, MemoryKind::readback, BufferUse::transfer);
+  }
+  if (options.search.enabled) {
+    const auto starts_n = static_cast<uint64_t>(options.search.starts()), size = sizeof(shaders::PairInfo) * n;
+    const auto screened_n = std::min(starts_n, static_cast<uint64_t>(options.search.screened));
+    const auto kept_n = std::min(screened_n, static_cast<uint64_t>(options.search.kept));
+    starts = plan.add("search starts", size * starts_n, MemoryKind::upload, BufferUse::storage);
+    screened = plan.add("search screened", size * screened_n, MemoryKind::device, BufferUse::storage);
+    kept = plan.add("search kept", size * kept_n, MemoryKind::device, BufferUse::storage);
+    search_states =
+        plan.add("search states", sizeof(shaders::PairState) * n * starts_n, MemoryKind::device, BufferUse::storage);
   }
 }
 
@@ -86,7 +95,8 @@ engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& netw
   if (k.weights) size.add(k.weights);
   size.add(k.normal_equations, 2);
   size.add(k.lm_step);
-  size.add(k.iterate, 2);
+  size.add(k.iterate, k.select ? 8 : 2);
+  if (k.select) size.add(k.select, 3);
   size.add(k.agreement);
   size.add(k.result);
   return size;
@@ -164,25 +174,24 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
   p.step_tolerance = static_cast<float>(options.step_tolerance);
   p.trace_stride = layout.trace_stride;
   p.trace_offset = static_cast<uint32_t>(level * options.iterations);
+  p.max_elements = 0xffffffffu;
   return p;
 }
 
 void Stages::weights(Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const {
   if (network.m_estimator)
-    return network.m_estimator->record(
-        recorder, memory, level, pairs, features, flags,
-        {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.features), &at(ids.template_a), &at(ids.maps1),
-         &run[run_ids.states], &at(ids.weights), &at(ids.residuals)});
+    return network.m_estimator->record(recorder, memory, level, pairs, features, flags,
+                                       {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.features),
+                                        &at(ids.template_a), &at(ids.maps1), &run[run_ids.states], &at(ids.weights)});
   if (options.robust == Robust::unit) return;
   const auto p = push(level, 0, flags);
   recorder.stage("residual");
   recorder.dispatch(kernels.residual,
                     {&at(ids.levels), &at(ids.references), &run[run_ids.pairs], &at(ids.template_a), &at(ids.template_b),
-                     &map1(level), &at(ids.weights), &run[run_ids.states], &at(ids.residuals)},
-                    p, {groups_for(layout.levels[static_cast<size_t>(level)].element_count, sizes.map), pairs, 1});
+                     &map1(level), &at(ids.weights), &run[run_ids.states]},
+                    p, {partial_groups(layout, sizes, level), pairs, 1});
   recorder.stage("weights");
-  recorder.dispatch(kernels.weights,
-                    {&at(ids.levels), &run[run_ids.pairs], &at(ids.residuals), &at(ids.weights), &run[run_ids.states]}, p,
+  recorder.dispatch(kernels.weights, {&at(ids.levels), &run[run_ids.pairs], &at(ids.weights), &run[run_ids.states]}, p,
                     {pairs, 1, 1});
 }
 
@@ -225,13 +234,16 @@ void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t ite
 }
 
 void Stages::align(Recorder& recorder, uint32_t pairs) const {
+  if (options.search.enabled) search(recorder, pairs);
   uint32_t given = ICLK_FLAG_GIVEN;  // until the first dispatch that leaves a state
   for (int level = options.levels - 1; level >= 0; --level) {
     if (level == options.levels - 1 && options.photometric) {
       iterate(recorder, level, pairs, 0, ICLK_FLAG_START | ICLK_FLAG_UNIT_WEIGHTS | given);
       given = 0;
     }
-    weights(recorder, level, pairs, given);
+    // iterate.comp makes robust weights itself.
+    if (network.m_estimator || layout.levels[static_cast<size_t>(level)].element_count > sizes.fused_elements)
+      weights(recorder, level, pairs, given);
     const bool ends = level == 0 || options.damping == Damping::adaptive;
     iterate(recorder, level, pairs, static_cast<uint32_t>(options.iterations), given | (ends ? ICLK_FLAG_END : 0u));
     given = 0;
@@ -313,10 +325,11 @@ void pack_pose(const SE3& T, float* m) {
   }
 }
 
-shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled,
+shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, uint32_t target, bool enabled,
                             const AlignerOptions& options) {
   shaders::PairInfo info{};
   info.reference = static_cast<uint32_t>(reference);
+  info.target = target;
   info.enabled = enabled;
   info.has_prior = prior != nullptr;
   info.gain = 1;

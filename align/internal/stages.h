@@ -18,17 +18,19 @@ struct AlignerBuffers {
 
   engine::MemoryPlan plan;
   engine::BufferId levels, references, features, tiles, entries, pixels0, pixels1, maps0, maps1, mask, template_a, template_b,
-      weights, residuals, parts;
+      weights, parts;
   std::optional<engine::BufferId> staging0, staging1, staging_depth;  // where device memory cannot be mapped
 };
 
 /// Buffers of one run over a batch: what the host says of the pairs and what the device solver leaves.
 struct RunBuffers {
-  RunBuffers(const Layout& layout, bool unified_memory, int pairs);
+  RunBuffers(const Layout& layout, const AlignerOptions& options, bool unified_memory, int pairs);
 
   engine::MemoryPlan plan;
   engine::BufferId pairs, states, trace, results;
   std::optional<engine::BufferId> states_read, trace_read;  // where device memory cannot be mapped
+  // Of a start search: every start of every pair, what is left after each selection, and their states.
+  std::optional<engine::BufferId> starts, screened, kept, search_states;
 };
 
 /// Workgroups that one level's normal equations take.
@@ -52,6 +54,9 @@ struct Stages {
   void prepare(engine::Recorder& recorder, uint32_t first, uint32_t count) const;
   /// Maps of the first `count` targets.
   void targets(engine::Recorder& recorder, uint32_t count) const;
+  /// Start search: the poses of the first `pairs` PairInfo are replaced by the best found about them. The starts must have
+  /// been packed.
+  void search(engine::Recorder& recorder, uint32_t pairs) const;
   /// Residual and weights with which a level starts; nothing with unit weights.
   void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;
   /// One evaluation of the sums, in parts.
@@ -77,7 +82,14 @@ struct Stages {
                uint32_t count) const;
   shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
   void iterate(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const;
+  void descend(engine::Recorder& recorder, engine::BufferId candidates, uint32_t count, int finest, int iterations) const;
+  void select(engine::Recorder& recorder, engine::BufferId candidates, engine::BufferId kept, uint32_t pairs, uint32_t count,
+              uint32_t keep) const;
 };
+
+/// The starts of a search about the first guess of pair `index`, where Stages::search expects them.
+void pack_starts(const shaders::PairInfo& pair, uint32_t index, const SE3& T_10, const Camera& camera,
+                 const AlignerOptions& options, const RunBuffers& ids, const engine::Workspace& run);
 
 /// Mapped states or trace, wherever the host can read them.
 const shaders::PairState* read_states(const RunBuffers& ids, const engine::Workspace& run);
@@ -87,7 +99,7 @@ NormalSums unpack_sums(const float* sums);
 Agreement unpack_agreement(const float* sums);
 SE3 unpack_pose(const float* pose);
 void pack_pose(const SE3& T, float* pose);
-shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, bool enabled,
+shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, uint32_t target, bool enabled,
                             const AlignerOptions& options);
 
 /// What the device solver left of a pair, judged like any other.

@@ -106,6 +106,21 @@ std::optional<double> to_number(std::string_view word) {
   return value;
 }
 
+std::pair<int, int> parse_size(const std::string& text, const std::string& what) {
+  const size_t x = text.find('x');
+  const auto side = [&](std::string_view word) {
+    int n = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), n);
+    return error == std::errc() && end == word.data() + word.size() && n >= 1 && n <= 32768 ? n : 0;
+  };
+  const std::string_view view = text;
+  const int width = side(view.substr(0, x)), height = x < text.size() ? side(view.substr(x + 1)) : 0;
+  if (width == 0 || height == 0)
+    throw Error(ErrorCode::invalid_argument,
+                what + ": WIDTHxHEIGHT expected, like 640x480, each at most 32768; not '" + printable(text) + "'");
+  return {width, height};
+}
+
 std::vector<double> parse_numbers(std::string_view text, const std::string& what) {
   std::vector<double> numbers;
   for (const std::string& word : split_words(text, " \t\r\n,;[]")) {

@@ -3,6 +3,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <utility>
 #include <vector>
 
 namespace iclk {
@@ -28,6 +29,9 @@ std::optional<double> to_number(std::string_view word);
 
 /// Numbers at any of " \t\r\n,;[]". Throws Error(invalid_argument) "<what>: '<word>' is not a number".
 std::vector<double> parse_numbers(std::string_view text, const std::string& what);
+
+/// "640x480": width and height, 1 to 32768 each. Throws Error(invalid_argument) "<what>: ...".
+std::pair<int, int> parse_size(const std::string& text, const std::string& what);
 
 /// Lines of a text, without their line ends.
 std::vector<std::string_view> lines_of(std::string_view text);

@@ -43,6 +43,7 @@ class Golden {
   }
 
   const Tensor& operator[](const std::string& key) const { return tensors_.at(key); }
+  bool has(const std::string& key) const { return tensors_.count(key) > 0; }
   const Tensor& level(int l, const std::string& key) const { return tensors_.at("level" + std::to_string(l) + "." + key); }
 
   int width() const { return static_cast<int>((*this)["image0"].shape[3]); }

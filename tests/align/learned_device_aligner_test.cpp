@@ -231,32 +231,32 @@ TEST(LearnedModel, WhatDoesNotFitIsRefused) {
   const Model good = *odd_model();
   AlignerOptions options = options_of(good);
   options.levels = 5;
-  refused(good, options, "4 levels, the options ask for 5");
+  refused(good, options, "levels is 5");
   options = options_of(good);
   options.robust = Robust::huber;
-  refused(good, options, "Robust::unit");
+  refused(good, options, "robust weights cannot be combined");
   options = options_of(good);
   Model bad = good;
   bad.encoder[1][0].in = 8;
-  refused(bad, options, "encoder level 1, layer 0: takes 8 channels, there are 9");
+  refused(bad, options, "encoder level 1 layer 0 takes 8 channels");
   bad = good;
   bad.encoder[2][1].dilation = 0;
-  refused(bad, options, "dilation 0");
+  refused(bad, options, "dilation of encoder level 2 layer 1 is 0");
   bad = good;
   bad.encoder[0][0].weight.pop_back();
   refused(bad, options, "134 weights");
   bad = good;
   bad.encoder[3].clear();
-  refused(bad, options, "has no layers");
+  refused(bad, options, "number of layers of encoder level 3 is 0");
   bad = good;
   bad.m_estimator.pop_back();
-  refused(bad, options, "ends with 10 channels");
+  refused(bad, options, "gives 10 channels");
   bad = good;
   bad.std[1] = 0;
-  refused(bad, options, "channel 1");
+  refused(bad, options, "std of channel 1");
   bad = good;
   bad.input_channels = 2;
-  refused(bad, options, "2 input channels");
+  refused(bad, options, "input_channels is 2");
 }
 
 }  // namespace

@@ -109,14 +109,14 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const Camera camera = golden.camera();
 
   const internal::Layout layout(plan, options, model.get());
-  const internal::WorkgroupSizes sizes(context->info().type);
+  const internal::WorkgroupSizes sizes(context->info().type, options);
   const internal::Kernels kernels(context, plan, options, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
   internal::DeviceNetwork network(*context, model, layout, plan, 1, {}, ids.plan);
   const engine::Workspace memory(context, ids.plan);
   if (!memory[ids.pixels0].mapped) GTEST_SKIP() << "device memory is not mapped here";
-  network.load(context, memory);
-  const internal::RunBuffers run_ids(layout, true, 1);
+  network.load(context, memory, sizes.iterate);
+  const internal::RunBuffers run_ids(layout, options, true, 1);
   const engine::Workspace run(context, run_ids.plan);
   engine::DescriptorArena arena(context, internal::Stages::arena_size(kernels, network));
   const internal::Stages stages{
@@ -146,7 +146,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   engine::Submission submission(context);
   SE3 start;
   for (int level = levels - 1; level >= 0; --level) {
-    *run[run_ids.pairs].as<shaders::PairInfo>() = internal::pack_pair(start, nullptr, 0, true, options);
+    *run[run_ids.pairs].as<shaders::PairInfo>() = internal::pack_pair(start, nullptr, 0, 0, true, options);
     engine::Recorder recorder(*context, submission.begin(), arena);
     if (level == levels - 1) {
       stages.prepare(recorder, 0, 1);
@@ -175,8 +175,10 @@ TEST_P(LearnedStages, AgreeWithGolden) {
       if (pixel[2] == 0) continue;
       const float expected = weight[static_cast<size_t>(pixel[1]) * info.width + static_cast<size_t>(pixel[0])];
       // At the border a rounding decides whether a pixel is visible.
-      if ((weights[k] == 0) != (expected == 0)) continue;
-      ASSERT_NEAR(weights[k], expected, 1e-4) << "level " << level << " at " << pixel[0] << ", " << pixel[1];
+      const uint32_t lanes = sizes.iterate, block = k / (4 * lanes) * 4 * lanes;
+      const float weight_k = weights[block + 4 * ((k - block) % lanes) + (k - block) / lanes];  // shaders/weights.glsl
+      if ((weight_k == 0) != (expected == 0)) continue;
+      ASSERT_NEAR(weight_k, expected, 1e-4) << "level " << level << " at " << pixel[0] << ", " << pixel[1];
       ++seen;
     }
     EXPECT_GE(seen, 50) << "level " << level;

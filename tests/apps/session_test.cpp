@@ -63,10 +63,11 @@ TEST(Session, FindsTheTruthAndReportsIt) {
   EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel, 0.2);
 
   const auto json = to_json(pair, result, session);
-  for (const char* key :
-       {"status", "T_10", "covariance", "stages", "levels", "features", "visible_fraction", "device", "timing_ms"})
+  for (const char* key : {"status", "T_10", "covariance", "stages", "levels", "features", "visible_fraction", "correlation",
+                          "agreement", "device", "timing_ms"})
     EXPECT_TRUE(json.contains(key)) << key;
   EXPECT_EQ(json["status"], "converged");
+  EXPECT_GT(json["agreement"].get<double>(), 0.1);
   expect_matrix(json["T_10"], 4);
   expect_matrix(json["covariance"], 6);
   EXPECT_GT(json["covariance"][0][0].get<double>(), 0);

@@ -45,12 +45,13 @@ class Application {
     functions.GetDeviceQueue(device, family, 0, &queue);
   }
   ~Application() {
-    EXPECT_EQ(functions.DeviceWaitIdle(device), VK_SUCCESS);
+    EXPECT_EQ(functions.DeviceWaitIdle(device), VK_SUCCESS);  // still alive: nobody else destroyed it
     functions.DestroyDevice(device, nullptr);
   }
-  std::shared_ptr<Context> adopt() const {
-    return adopt_device({instance.handle(), physical, device, queue, family, instance.get_instance_proc_addr(), {}, {}, {}});
+  HostDevice handed_over() const {
+    return {instance.handle(), physical, device, queue, family, instance.get_instance_proc_addr(), {}, {}, {}};
   }
+  std::shared_ptr<Context> adopt() const { return adopt_device(handed_over()); }
 
   Instance instance;
   VkPhysicalDevice physical = VK_NULL_HANDLE;

@@ -1,0 +1,305 @@
+#!/usr/bin/env python3
+"""The learned model in PyTorch, from an iclk model file: the yardstick of `iclk bench`, and a second opinion on its arithmetic.
+
+    reference.py MODEL --bench 752 480            time of an image in both layouts, and of a whole pair
+    reference.py MODEL --bench 752 480 --device cuda --batch 16
+    reference.py --golden tests/golden/learned_narrow_188x120.safetensors
+
+Needs PyTorch 1.13 or later (Debian: python3-torch) and nothing else. A pair is what an alignment of iclk is: two images through
+the encoder, then on each level, coarse to fine, masks of 8x8 pixels around the features, the M-estimator once, and the
+iterations. Those visit the pixels of the masks only, which is faster than whole maps, as the paper has them (--pixels all).
+"""
+import argparse
+import json
+import os
+import statistics
+import struct
+import sys
+import time
+import warnings
+
+import torch
+import torch.nn as nn
+import torch.nn.functional as F
+
+PATCH = 8
+warnings.filterwarnings('ignore', message='scatter_reduce')  # "beta" in 1.13
+
+
+# ----------------------------------------------------------------------------- files
+def read_safetensors(path):
+    """-> (metadata, {name: float32 tensor})"""
+    with open(path, 'rb') as file:
+        size, = struct.unpack('<Q', file.read(8))
+        header = json.loads(file.read(size))
+        data = bytearray(file.read())
+    metadata = header.pop('__metadata__', {})
+    tensors = {}
+    for name, entry in header.items():
+        if entry['dtype'] != 'F32':
+            sys.exit(f'{path}: tensor {name} is {entry["dtype"]}, only F32 is read')
+        begin, end = entry['data_offsets']
+        values = torch.frombuffer(data, dtype=torch.float32, count=(end - begin) // 4, offset=begin)
+        tensors[name] = values.reshape(entry['shape'])
+    return metadata, tensors
+
+
+# ----------------------------------------------------------------------------- networks
+def convolution(tensors, name, dilation):
+    weight = tensors[name + '.weight']
+    conv = nn.Conv2d(weight.shape[1], weight.shape[0], 3, padding=dilation, dilation=dilation)
+    conv.weight.data, conv.bias.data = weight.clone(), tensors[name + '.bias'].clone()
+    return nn.Sequential(conv, nn.ELU(inplace=True))
+
+
+class Network(nn.Module):
+    """Encoder and M-estimator; dilations: a list a level, and one for the M-estimator (empty: none)."""
+
+    def __init__(self, tensors, dilations, m_estimator, mean, std):
+        super().__init__()
+        self.register_buffer('mean', torch.tensor(mean).view(1, -1, 1, 1))
+        self.register_buffer('std', torch.tensor(std).view(1, -1, 1, 1))
+        self.levels, layer = nn.ModuleList(), 0
+        for level in dilations:
+            convolutions = [convolution(tensors, f'encoder.{layer + i}', d) for i, d in enumerate(level)]
+            self.levels.append(nn.Sequential(*convolutions))
+            layer += len(level)
+        self.m_estimator = nn.Sequential(*(convolution(tensors, f'm_estimator.{i}', d) for i, d in enumerate(m_estimator)),
+                                         nn.Sigmoid()) if m_estimator else None
+
+    @staticmethod
+    def load(path):
+        metadata, tensors = read_safetensors(path)
+        if metadata.get('format') != 'iclk-model-1':
+            sys.exit(f'{path}: no iclk model (format is {metadata.get("format")!r}, must be iclk-model-1)')
+        network = Network(tensors, json.loads(metadata['encoder_dilations']),
+                          json.loads(metadata.get('m_estimator_dilations', '[]')),
+                          json.loads(metadata['mean']), json.loads(metadata['std']))
+        return network.eval(), int(metadata['iterations']), float(metadata['damping'])
+
+    def forward(self, images, levels=None):
+        """(B, channels, h, w) in [0, 1] -> maps (B, 1, h, w), finest first."""
+        x, maps = (images - self.mean) / self.std, []
+        for level, layers in enumerate(self.levels[:levels]):
+            x = layers(F.avg_pool2d(x, 2) if level else x)
+            maps.append(x.mean(1, keepdim=True))
+        return maps
+
+
+# ----------------------------------------------------------------------------- alignment
+def mask_pixels(uv, q, width, height, level):
+    """Pixels of the patches: index in the level (B, N * 64) and inverse depth, 0 where a nearer feature has the pixel."""
+    count = uv.shape[1]
+    centre = (uv + 0.5) / 2 ** level - 0.5
+    k = torch.arange(PATCH * PATCH, device=uv.device)
+    offset = torch.stack([k % PATCH, k // PATCH], -1)
+    pixel = (torch.floor(centre) - (PATCH // 2 - 1)).long()[:, :, None] + offset
+    inside = ((pixel >= 0) & (pixel < torch.tensor([width, height], device=uv.device))).all(-1).flatten(1)
+    distance = ((pixel.to(uv.dtype) - centre[:, :, None]) ** 2).sum(-1).flatten(1)
+    index = torch.where(inside, (pixel[..., 1] * width + pixel[..., 0]).flatten(1), 0)
+
+    def least(values, start):
+        best = torch.full((uv.shape[0], width * height), start, dtype=values.dtype, device=uv.device)
+        best.scatter_reduce_(1, index, torch.where(inside, values, torch.full_like(values, start)), 'amin')
+        return best.gather(1, index)
+    feature = torch.arange(count, device=uv.device).repeat_interleave(PATCH * PATCH).expand_as(index)
+    nearest = inside & (distance == least(distance, float('inf')))
+    owner = nearest & (feature == least(torch.where(nearest, feature, count), count))
+    return index, torch.where(owner, q.repeat_interleave(PATCH * PATCH, 1), torch.zeros_like(distance))
+
+
+def se3_exp(xi):
+    """(B, 6) twists [rho, phi] -> rotations and translations, through the 4x4 matrix exponential."""
+    a = torch.zeros(xi.shape[0], 4, 4, dtype=xi.dtype, device=xi.device)
+    x, y, z = xi[:, 3], xi[:, 4], xi[:, 5]
+    a[:, 0, 1], a[:, 0, 2], a[:, 1, 0], a[:, 1, 2], a[:, 2, 0], a[:, 2, 1] = -z, y, z, -x, -y, x
+    a[:, :3, 3] = xi[:, :3]
+    T = torch.matrix_exp(a)
+    return T[:, :3, :3], T[:, :3, 3]
+
+
+class Level:
+    """Template of one level over a list of pixels."""
+
+    def __init__(self, f0, f1, index, q, camera, level):
+        self.height, self.width = f0.shape[-2:]
+        s = 2.0 ** level
+        fx, fy, cx, cy = camera
+        self.fx, self.fy, self.cx, self.cy = fx / s, fy / s, (cx + 0.5) / s - 0.5, (cy + 0.5) / s - 0.5
+        self.index, self.q, self.f1 = index, q, f1.flatten(1)
+        u, v = (index % self.width).to(q.dtype), torch.div(index, self.width, rounding_mode='floor').to(q.dtype)
+        x, y = (u - self.cx) / self.fx, (v - self.cy) / self.fy
+        self.ray = torch.stack([x, y, torch.ones_like(x)], -1)
+        padded = F.pad(f0, (1, 1, 1, 1), mode='replicate')[:, 0]
+        self.f0 = f0.flatten(1).gather(1, index)
+        gu = ((padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / 2).flatten(1).gather(1, index) * self.fx
+        gv = ((padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / 2).flatten(1).gather(1, index) * self.fy
+        slope = gu * x + gv * y
+        self.J = torch.stack([gu * q, gv * q, -q * slope, -(gv + y * slope), gu + x * slope, gv * x - gu * y], -1)
+
+    def residual(self, R, t):
+        """Residual, warped f1 and visibility of each pixel."""
+        p = self.ray @ R.transpose(1, 2) + self.q[..., None] * t[:, None]
+        front = p[..., 2] > 1e-6
+        z = torch.where(front, p[..., 2], torch.ones_like(p[..., 2]))
+        u, v = p[..., 0] / z * self.fx + self.cx, p[..., 1] / z * self.fy + self.cy
+        w, h = self.width, self.height
+        visible = front & (self.q > 0) & (u >= 0) & (v >= 0) & (u <= w - 1) & (v <= h - 1)
+        u, v = u.clamp(0, w - 1), v.clamp(0, h - 1)
+        u0, v0 = u.floor().clamp(max=w - 2), v.floor().clamp(max=h - 2)
+        a, b = u - u0, v - v0
+        first = (v0 * w + u0).long()
+        top = torch.lerp(self.f1.gather(1, first), self.f1.gather(1, first + 1), a)
+        bottom = torch.lerp(self.f1.gather(1, first + w), self.f1.gather(1, first + w + 1), a)
+        warped = torch.lerp(top, bottom, b)
+        seen = visible.to(u.dtype)
+        return (warped - self.f0) * seen, warped * seen, seen
+
+    def whole(self, values):
+        """Values of the pixels as a map (B, 1, h, w), 0 elsewhere."""
+        out = torch.zeros_like(self.f1).scatter_add_(1, self.index, values)
+        return out.view(-1, 1, self.height, self.width)
+
+
+def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask'):
+    """T_10 as (R, t) of B pairs: maps finest first, features (B, N, 2) and their inverse depths (B, N)."""
+    B, dtype, device = uv.shape[0], maps0[0].dtype, uv.device
+    R, t = torch.eye(3, dtype=dtype, device=device).repeat(B, 1, 1), torch.zeros(B, 3, dtype=dtype, device=device)
+    weight = None
+    for level in reversed(range(len(maps0))):
+        h, w = maps0[level].shape[-2:]
+        index, depth = mask_pixels(uv, q, w, h, level)
+        if pixels == 'all':
+            depth = torch.zeros(B, h * w, dtype=dtype, device=device).scatter_add_(1, index, depth)
+            index = torch.arange(h * w, device=device).expand(B, -1)
+        L = Level(maps0[level], maps1[level], index, depth, camera, level)
+        r, warped, seen = L.residual(R, t)
+        weights = seen
+        if network.m_estimator is not None:
+            prior = torch.ones_like(maps0[level]) if weight is None else F.interpolate(
+                weight, (h, w), mode='bilinear', align_corners=False)
+            mask = L.whole(seen)
+            weight = network.m_estimator(torch.cat([L.whole(r.abs()), L.whole(L.f0 * seen), L.whole(warped), prior * mask], 1))
+            weight = weight * mask
+            weights = weight.flatten(1).gather(1, L.index)
+        for _ in range(iterations):
+            WJ = L.J * (weights * seen)[..., None]
+            H, g = L.J.transpose(1, 2) @ WJ, WJ.transpose(1, 2) @ r[..., None]
+            H = H + damping * torch.diag_embed(H.diagonal(dim1=1, dim2=2))
+            dR, dt = se3_exp(-torch.linalg.solve(H, g)[..., 0])
+            t = (R @ dt[..., None])[..., 0] + t  # T_10 <- T_10 Exp(xi)^-1
+            R = R @ dR
+            r, _, seen = L.residual(R, t)
+    return R, t
+
+
+# ----------------------------------------------------------------------------- what can be run
+def check_golden(path):
+    """The specification's exact values, in double precision."""
+    metadata, golden = read_safetensors(path)
+    golden = {name: x.double() for name, x in golden.items()}
+    levels = int(metadata['levels'])
+    network = Network({name: x.float() for name, x in golden.items()}, [(1, 2, 2)] * levels, (1, 2, 4, 1),
+                      (0.4914, 0.4822, 0.4465), (0.2023, 0.1994, 0.2010)).eval().double()
+    maps = [network(golden[name]) for name in ('image0', 'image1')]
+    worst = max(float(((m - golden[f'level{l}.{f}']).abs().max() / golden[f'level{l}.{f}'].abs().max()))
+                for f, side in zip(('f0', 'f1'), maps) for l, m in enumerate(side))
+    print(f'{path}: maps differ by {worst:.1e} of the largest value')
+    ok = worst < 1e-5
+    for pixels in ('mask', 'all'):
+        R, t = align(network, *maps, golden['camera'].tolist(), golden['features'], golden['inverse_depth'],
+                     int(metadata['iterations']), float(metadata['damping']), pixels)
+        dR = float((R - golden['R']).abs().max())
+        dt = float((t - golden['t']).norm() / golden['t'].norm())
+        print(f'{path}: pixels {pixels}: R differs by {dR:.1e}, t by {dt:.1e} of its length')
+        ok = ok and dR < 1e-4 and dt < 1e-4
+    return ok
+
+
+def measure(run, device, repetitions):
+    """Median ms and CPU seconds of a call, after two to warm up."""
+    wait = torch.cuda.synchronize if device == 'cuda' else lambda: None
+    ms, cpu = [], []
+    for i in range(repetitions + 2):
+        wait()
+        begin, begin_cpu = time.perf_counter(), time.process_time()
+        run()
+        wait()
+        if i >= 2:
+            ms.append(1e3 * (time.perf_counter() - begin))
+            cpu.append(time.process_time() - begin_cpu)
+    return {'ms': statistics.median(ms), 'cpu_s': statistics.median(cpu)}
+
+
+def bench(args):
+    network, iterations, damping = Network.load(args.model)
+    width, height = args.bench
+    levels = min(args.levels or len(network.levels), len(network.levels))
+    generator = torch.Generator().manual_seed(1)
+
+    def random(*shape):
+        return torch.rand(*shape, generator=generator).to(args.device)
+    network = network.to(args.device)
+    images = random(2 * args.batch, network.mean.shape[1], height, width)
+    edge = PATCH * 2 ** (levels - 1)
+    if min(width, height) <= 2 * edge:
+        edge = 0
+    uv = edge + random(args.batch, args.features, 2) * (torch.tensor([width, height], device=args.device) - 2 * edge)
+    q = 0.1 + random(args.batch, args.features)
+    camera = (0.8 * width, 0.8 * width, (width - 1) / 2, (height - 1) / 2)
+    report = {'torch': torch.__version__, 'threads': torch.get_num_threads(),
+              'device': torch.cuda.get_device_name() if args.device == 'cuda' else 'cpu',
+              'width': width, 'height': height, 'levels': levels, 'batch': args.batch}
+    for name, layout in (('nchw', torch.contiguous_format), ('channels_last', torch.channels_last)):
+        network = network.to(memory_format=layout)
+        x = images.contiguous(memory_format=layout)
+
+        def pair():
+            maps = network(x, levels)
+            return align(network, [m[:args.batch] for m in maps], [m[args.batch:] for m in maps], camera, uv, q, iterations,
+                         damping, args.pixels)
+        single = measure(lambda: network(x[:args.batch], levels), args.device, args.repetitions)
+        whole = measure(pair, args.device, args.repetitions)
+        report[name] = {'encode': {k: v / args.batch for k, v in single.items()},
+                        'pair': {k: v / args.batch for k, v in whole.items()}}
+    if args.json:
+        print(json.dumps(report))
+        return
+    print(f'PyTorch {report["torch"]}, {report["device"]}, {report["threads"]} threads; {width}x{height}, '
+          f'{levels} levels of {iterations} iterations, {args.features} features, batches of {args.batch}, '
+          f'pixels: {args.pixels}')
+    print('                 encode an image         a whole pair\n                     ms   CPU s           ms   CPU s')
+    for name in ('nchw', 'channels_last'):
+        e, p = report[name]['encode'], report[name]['pair']
+        print(f'{name:13s} {e["ms"]:9.1f} {e["cpu_s"]:7.2f} {p["ms"]:12.1f} {p["cpu_s"]:7.2f}')
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('model', nargs='?', help='an iclk model file')
+    parser.add_argument('--bench', nargs=2, type=int, metavar=('W', 'H'), help='measure on images of this size')
+    parser.add_argument('--golden', nargs='+', metavar='FILE', help='compare with exact values of the specification')
+    parser.add_argument('--device', choices=('cpu', 'cuda'), default='cpu')
+    parser.add_argument('--levels', type=int, help='the finest levels of the model (default: all)')
+    parser.add_argument('--batch', type=int, default=1, help='pairs at a time')
+    parser.add_argument('--features', type=int, default=50)
+    parser.add_argument('--pixels', choices=('mask', 'all'), default='mask', help='what the iterations visit')
+    parser.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), help='default: all cores')
+    parser.add_argument('--repetitions', type=int, default=7)
+    parser.add_argument('--json', action='store_true')
+    args = parser.parse_args()
+    if args.golden is None and (args.model is None or args.bench is None):
+        parser.error('give MODEL and --bench W H, or --golden FILE')
+    torch.set_num_threads(args.threads)
+    if args.device == 'cuda':  # the yardstick computes in single precision as iclk does, not in TF32
+        torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = False
+        torch.backends.cudnn.benchmark = True
+    with torch.inference_mode():
+        if args.golden and not all([check_golden(path) for path in args.golden]):
+            sys.exit(1)
+        if args.bench:
+            bench(args)
+
+
+if __name__ == '__main__':
+    main()
