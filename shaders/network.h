@@ -18,7 +18,7 @@ using uint = uint32_t;
 #define ICLK_WINOGRAD_TILES 4
 
 // F(4x4, 3x3) interpolates at 0, +-A, +-B and infinity. With 1 and 2, which most use, rounding errors
-// are five times as large; with these they are little above those of the direct convolution.
+// are three to eight times as large; with these they are below twice those of the direct convolution.
 #define ICLK_WINOGRAD_A 0.70710678
 #define ICLK_WINOGRAD_B 1.41421356
 
