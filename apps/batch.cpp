@@ -8,6 +8,9 @@
 #include <spdlog/spdlog.h>
 #include <opencv2/core/utility.hpp>
 
+#include <iclk/align/model_file.h>
+
+#include "apps/any_aligner.h"
 #include "apps/batch_loaders.h"
 #include "apps/batch_run.h"
 #include "apps/command.h"
@@ -141,8 +144,8 @@ class PairAligner {
   bool with_features_;
 };
 
-/// What the results depend on, as the command line or the defaults say it.
-Json effective_options(const CLI::App& command) {
+/// What the results depend on, as the command line or the defaults say it; a model by what is in it.
+Json effective_options(const CLI::App& command, const Model* model) {
   const std::vector<std::string> free = {"--help",   "MANIFEST", "--out",   "--batch",         "--threads",
                                          "--memory", "--shard",  "--retry", "--with-features", "--device"};
   Json json = Json::object();
@@ -156,6 +159,10 @@ Json effective_options(const CLI::App& command) {
     }
     json[name] = value;
   }
+  if (model != nullptr) {
+    const std::vector<uint8_t> bytes = model_bytes(*model);
+    json["--model"] = model_name(model) + " " + hash_of({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  }
   return json;
 }
 
@@ -166,7 +173,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   const Manifest manifest = read_manifest(options.manifest);
 
   Tally tally;
-  ResultsJournal journal(options.out, manifest, {effective_options(command), ICLK_VERSION, options.retry},
+  ResultsJournal journal(options.out, manifest,
+                         {effective_options(command, session_options.model.get()), ICLK_VERSION, options.retry},
                          [&](const Json& head) { tally.add(head); });
   const int before = tally.total();
   BatchWork work;

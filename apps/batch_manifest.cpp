@@ -25,15 +25,6 @@ constexpr std::array kKeys = {"id",     "reference",  "target",       "depth", "
   throw Error(ErrorCode::invalid_argument, where + ": " + why);
 }
 
-/// FNV-1a. Not against malice: a person who wants to mix up results can.
-std::string hash_of(std::string_view text) {
-  uint64_t h = 0xcbf29ce484222325u;
-  for (const char c : text) h = (h ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
-  char hex[17];
-  std::snprintf(hex, sizeof hex, "%016llx", static_cast<unsigned long long>(h));
-  return hex;
-}
-
 std::string id_of(std::string_view text, int number) {
   const std::string unknown = "line " + std::to_string(number);
   const Json json = Json::parse(text, nullptr, false);
@@ -108,6 +99,14 @@ struct Line {
 };
 
 }  // namespace
+
+std::string hash_of(std::string_view text) {
+  uint64_t h = 0xcbf29ce484222325u;
+  for (const char c : text) h = (h ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  char hex[17];
+  std::snprintf(hex, sizeof hex, "%016llx", static_cast<unsigned long long>(h));
+  return hex;
+}
 
 Manifest read_manifest(const std::string& path) {
   Manifest manifest;

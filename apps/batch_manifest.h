@@ -21,9 +21,9 @@ namespace iclk {
 ///   id             string or whole number, once in the file; default: the number of the line
 ///   reference, target               image files; required
 ///   depth, features                 depth image and / or feature file (CSV) of the reference; one of them is required
-///   depth_scale, camera, distortion as the options of `iclk align`, which are their defaults; `camera` may be a list of
-///   numbers initial_pose, truth             T_10: 4x4 (or 3x4) nested lists, a TUM line, or a file that holds one meta
-///   anything; comes back in the result
+///   depth_scale, camera, distortion as the options of `iclk align`, which are their defaults; `camera` may be a list
+///   initial_pose, truth             T_10: 4x4 (or 3x4) nested lists, a TUM line, or a file that holds one
+///   meta                            anything; comes back in the result
 ///
 /// Relative paths begin at the manifest's folder. Blank lines are skipped; null is as good as a missing key. Any other key is
 /// an error, so that a misspelt "initial_pos" is not silently no initial pose.
@@ -42,6 +42,9 @@ struct Manifest {
 /// Throws Error(io) for an unreadable file; Error(invalid_argument) if two lines have one id (it names both) or no line is
 /// there. A broken line does not throw: parse_line does when its turn comes.
 Manifest read_manifest(const std::string& path);
+
+/// FNV-1a in hexadecimal. Not against malice: a person who wants to mix up results can.
+std::string hash_of(std::string_view text);
 
 /// What a line asks for.
 struct PairRequest {

@@ -17,6 +17,7 @@ struct BenchCommand {
   PeerOptions peers;
   RunOptions run;
   std::string size = "640x480";
+  std::string save_pair;
   bool with_peers = false, json = false;
 };
 
@@ -25,6 +26,9 @@ const char* const kFooter =
     "and targets\n"
     "in host memory to poses in host memory; compilation and allocation come before the first. Settings of the aligner are its "
     "own.\n"
+    "With --model: the same of the learned model (the paper's way; keyframe: a target against a reference that is there; with "
+    "search\n"
+    "and refinement), and the time by stage.\n"
     "With --peers: how right and how fast iclk and its competitors are on real sequences. Here the settings of `iclk align` "
     "hold.\n"
     "cpu time is that of all threads of this process, which other work on the machine hardly disturbs.\n"
@@ -32,6 +36,7 @@ const char* const kFooter =
     "Examples:\n"
     "  iclk bench\n"
     "  iclk bench --pairs 1,64 --repetitions 20 --only device --profile\n"
+    "  iclk bench --model model.safetensors --size 752x480 --pairs 1,16\n"
     "  iclk bench --peers --data ../shared/data --json > peers.json\n"
     "  iclk bench --peers --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633\n";
 
@@ -46,7 +51,7 @@ std::shared_ptr<engine::Context> open_device(std::string device) {
 void run(BenchCommand& command, int& exit) {
   if (command.with_peers) {
     const SessionOptions session = command.run.session();
-    command.peers.iclk = {nullptr, session.solver, session.aligner, session.refiner};
+    command.peers.iclk = {nullptr, session.solver, session.aligner, session.model, session.refiner};
     command.peers.features = command.bench.features;
     command.peers.check();
     find_data(command.peers.data);
@@ -55,8 +60,15 @@ void run(BenchCommand& command, int& exit) {
     print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
   } else {
     std::tie(command.bench.width, command.bench.height) = parse_size(command.size, "--size");
+    const SessionOptions session = command.run.session();
+    command.bench.model = session.model;
+    command.bench.say = session.say;
+    if (command.bench.pairs.empty()) command.bench.pairs = session.model ? std::vector{1, 4} : BenchOptions().pairs;
+    command.bench.profile |= session.model != nullptr;
     command.bench.check();
-    const BenchReport report = run_bench(command.bench, open_device(command.run.device), terminal_progress());
+    const auto device = open_device(command.run.device);
+    if (!command.save_pair.empty()) save_bench_pair(command.bench, device, command.save_pair);
+    const BenchReport report = run_bench(command.bench, device, terminal_progress());
     print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
   }
   exit = kConverged;
@@ -70,13 +82,18 @@ void add_bench(CLI::App& app, int& exit) {
   auto options = std::make_shared<BenchCommand>();
   command->add_flag("--json", options->json, "JSON on standard output, and nothing else there");
   command->add_option("--features", options->bench.features, "Features a pair")->capture_default_str();
-  command->add_option("--pairs", options->bench.pairs, "Pairs in one call: one line each")
-      ->delimiter(',')
-      ->capture_default_str();
+  options->bench.pairs.clear();
+  command->add_option("--pairs", options->bench.pairs, "Pairs in one call: one line each; default 1,4,16,64, with a model 1,4")
+      ->delimiter(',');
   command->add_option("--repetitions", options->bench.repetitions, "Repetitions of every figure")->capture_default_str();
   command->add_option("--size", options->size, "Images, WIDTHxHEIGHT")->capture_default_str();
   command->add_option("--only", options->bench.only, "Methods to measure, by the names in the table; default all");
-  command->add_flag("--profile", options->bench.profile, "Also the device solver's time by stage");
+  command->add_flag("--profile", options->bench.profile, "Also the device solver's time by stage; always with a model");
+  command
+      ->add_option("--save-pair", options->save_pair,
+                   "Write the first pair and the pose found for it as safetensors: what apps/train/bench.py --iclk compares")
+      ->check(not_empty)
+      ->type_name("FILE");
   auto* peers = command->add_flag("--peers", options->with_peers,
                                   "Compare with RgbdOdometry, KLT and SIFT on tum_fr1_360_5 and hololens_80");
   command->add_option("--data", options->peers.data, "Folder that holds them; default ICLK_DATA, else ../shared/data")
@@ -96,7 +113,9 @@ void add_bench(CLI::App& app, int& exit) {
   for (const char* name : {"--dense", "--no-refine"})
     command->remove_option(command->get_option(name));  // both ways are measured; depth is sparse
   for (CLI::Option* option : command->get_options())    // what is left sets up iclk among its peers
-    if (option->get_name() != "--device" && std::find(own.begin(), own.end(), option) == own.end()) option->needs(peers);
+    if (option->get_name() != "--device" && option->get_name() != "--model" &&
+        std::find(own.begin(), own.end(), option) == own.end())
+      option->needs(peers);
   command->footer(std::string(kFooter));
   command->callback([options, &exit] { run(*options, exit); });
 }

@@ -39,8 +39,11 @@ Json to_json(const BenchReport& report) {
     Json stages = Json::array();
     for (const engine::StageTime& s : p.stages)
       stages.push_back({{"stage", s.name}, {"ms_per_pair", number(s.milliseconds)}, {"count", s.count}});
-    profiles.push_back(
-        {{"pairs", p.pairs}, {"stages", stages}, {"set_reference_ms", number(p.set_reference)}, {"wall_ms", number(p.wall)}});
+    for (const Stage& s : p.refinement) stages.push_back({{"stage", s.name}, {"ms_per_pair", number(s.ms)}, {"count", Json()}});
+    Json profile = {
+        {"pairs", p.pairs}, {"stages", stages}, {"set_reference_ms", number(p.set_reference)}, {"wall_ms", number(p.wall)}};
+    if (p.model) profile["encoder"] = {{"gmac_per_image", number(p.encoder_gmac)}, {"gflops", number(p.encoder_gflops)}};
+    profiles.push_back(std::move(profile));
   }
   for (const char* name : kOdometry) ratios[name] = number(ratio(report, name));
   return {{"machine", to_json(report.machine)},
@@ -68,16 +71,25 @@ std::string to_table(const BenchReport& report) {
           "device solver, %d at a time: %.1f times as fast as %s%s\n", most_pairs(report), ratio(report, name), name,
           name == kOdometry[0] ? formatted(" (OpenCV's own choice: %d threads)", report.machine.opencv_threads).c_str() : "");
   for (const BenchProfile& p : report.profiles) {
-    out += formatted("\ndevice solver, %d at a time: ms a pair on the device, times a call\n", p.pairs);
+    out += formatted("\n%sdevice solver%s, %d at a time: ms a pair on the device, times a call\n", p.model ? "model, " : "",
+                     p.model ? ", search and refinement" : "", p.pairs);
     double sum = 0;
     for (const engine::StageTime& s : p.stages) {
       out += formatted("  %-20s %8.3f  %4d\n", s.name.c_str(), s.milliseconds, s.count);
       sum += s.milliseconds;
     }
     if (p.stages.empty()) out += "  this queue has no timestamps\n";
-    out += formatted("  %-20s %8.3f\n  %-20s %8.3f\n  %-20s %8.3f\n", "sum", sum, "set_reference, host", p.set_reference,
-                     "the rest, host", std::max(0.0, p.wall - p.set_reference - sum));
+    out += formatted("  %-20s %8.3f\n", "sum", sum);
+    for (const Stage& s : p.refinement) {
+      out += formatted("  %-20s %8.3f\n", (s.name + ", wall").c_str(), s.ms);
+      sum += s.ms;
+    }
+    out += formatted("  %-20s %8.3f\n  %-20s %8.3f\n", "set_reference, host", p.set_reference, "the rest, host",
+                     std::max(0.0, p.wall - p.set_reference - sum));
     out += formatted("  %-20s %8.3f\n", "whole call", p.wall);
+    if (p.model)
+      out += formatted("  encoder: 2 images of %.2f GMAC, %.0f GFLOP/s (counted as direct convolutions)\n", p.encoder_gmac,
+                       p.encoder_gflops);
   }
   return out;
 }

@@ -6,63 +6,19 @@
 #include <functional>
 #include <limits>
 
-#include <opencv2/imgproc.hpp>
-
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 
-#include "apps/detect.h"
+#include "apps/any_aligner.h"
 #include "apps/io/images.h"
 #include "apps/io/text.h"
 #include "apps/metrics.h"
-#include "apps/scene.h"
 
 namespace iclk {
 namespace {
 
-constexpr int kVariants = 8;     // pairs from one rendering
-constexpr int kPairsTimed = 16;  // a repetition of small batches is at least so many pairs
-
-/// Motion k of a low-discrepancy series around that of `iclk demo`.
-SE3 motion(int k) {
-  Vector6d xi;
-  const auto wave = [&](double ratio) { return 2 * std::fmod(0.5 + ratio * (k + 1), 1.0) - 1; };
-  xi << 0.05 * wave(0.6180), 0.05 * wave(0.7549), 0.04 * wave(0.5698), 0.03 * wave(0.8192), 0.03 * wave(0.6711),
-      0.04 * wave(0.5497);
-  return SE3::exp(xi);
-}
-
-/// The same scene in a mirror: x -> -x, y -> -y.
-void mirror(PeerPair& pair, bool x, bool y) {
-  if (!x && !y) return;
-  for (cv::Mat* image : {&pair.image_0, &pair.image_1, &pair.depth_0, &pair.depth_1}) {
-    cv::Mat flipped;
-    cv::flip(*image, flipped, x && y ? -1 : x ? 1 : 0);
-    *image = flipped;
-  }
-  const Eigen::Vector3d s(x ? -1 : 1, y ? -1 : 1, 1);
-  pair.T_10 = {s.asDiagonal() * pair.T_10.R * s.asDiagonal(), s.asDiagonal() * pair.T_10.t};
-  if (x) pair.camera.cx = pair.camera.width - 1 - pair.camera.cx;
-  if (y) pair.camera.cy = pair.camera.height - 1 - pair.camera.cy;
-}
-
-PeerPair variant(const ScenePair& scene, int index, int features) {
-  const bool backwards = index & 4;
-  PeerPair pair;
-  pair.image_0 = (backwards ? scene.image_1 : scene.image_0).clone();
-  pair.image_1 = (backwards ? scene.image_0 : scene.image_1).clone();
-  pair.depth_0 = (backwards ? scene.depth_1 : scene.depth_0).clone();
-  pair.depth_1 = (backwards ? scene.depth_0 : scene.depth_1).clone();
-  pair.T_10 = backwards ? scene.T_10.inverse() : scene.T_10;
-  pair.camera = scene.camera;
-  mirror(pair, index & 1, index & 2);
-  cv::cvtColor(pair.image_0, pair.grey_0, cv::COLOR_BGR2GRAY);
-  cv::cvtColor(pair.image_1, pair.grey_1, cv::COLOR_BGR2GRAY);
-  DetectorOptions detector;
-  detector.count = features;
-  pair.features = detect_features(pair.grey_0, pair.depth_0, {}, detector);
-  return pair;
-}
+constexpr int kPairsTimed = 16;      // a repetition of small batches is at least so many pairs,
+constexpr int kModelPairsTimed = 4;  // and with a model so many
 
 /// What a timed call leaves behind, for the check that the work was done.
 struct Outcome {
@@ -72,11 +28,11 @@ struct Outcome {
 
 /// Times `call(first pair, outcomes)` over the pairs, in turn, after one call that is not timed.
 template <typename Call>
-BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, int batch, Call&& call) {
+BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, int batch, int pairs_timed, Call&& call) {
   BenchRow row;
   row.pairs = batch;
   const int available = static_cast<int>(pairs.size()) / batch;
-  const int calls = std::max(1, kPairsTimed / batch);
+  const int calls = std::max(1, pairs_timed / batch);
   std::vector<Outcome> outcomes;
   call(0, outcomes);
   std::vector<double> wall, cpu, errors;
@@ -111,26 +67,34 @@ BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, i
 struct AlignerCase {
   const char* method;
   Solver solver;
-  bool colour = false, refine = false, unit_weights = false, search = false;
+  bool colour = false, refine = false, unit_weights = false, search = false, model = false, keyframe = false;
 };
 
-const std::array kCases = {AlignerCase{"device", Solver::device},
-                           AlignerCase{"host", Solver::host},
-                           AlignerCase{"cpu", Solver::cpu},
-                           AlignerCase{"device, colour", Solver::device, true},
-                           AlignerCase{"device + refine", Solver::device, false, true},
-                           AlignerCase{"device, unit weights", Solver::device, false, false, true},
-                           AlignerCase{"device + search", Solver::device, false, false, false, true}};
+const std::array kCases = {
+    AlignerCase{"device", Solver::device}, AlignerCase{"host", Solver::host}, AlignerCase{"cpu", Solver::cpu},
+    AlignerCase{"device, colour", Solver::device, true}, AlignerCase{"device + refine", Solver::device, false, true},
+    AlignerCase{"device, unit weights", Solver::device, false, false, true},
+    AlignerCase{"device + search", Solver::device, false, false, false, true},
+    // with a model: the paper's way, without a search; a target against a reference that is there
+    AlignerCase{.method = "model, device", .solver = Solver::device, .model = true},
+    AlignerCase{.method = "model, keyframe", .solver = Solver::device, .model = true, .keyframe = true},
+    AlignerCase{.method = "model, host", .solver = Solver::host, .model = true},
+    AlignerCase{.method = "model, cpu", .solver = Solver::cpu, .model = true},
+    AlignerCase{.method = "model + search", .solver = Solver::device, .search = true, .model = true},
+    AlignerCase{.method = "model + search + refine", .solver = Solver::device, .refine = true, .search = true, .model = true}};
 constexpr int kOdometryThreads[] = {0, 1};
 
-bool wanted(const BenchOptions& options, const std::string& method) {
-  return options.only.empty() || std::find(options.only.begin(), options.only.end(), method) != options.only.end();
+bool wanted(const BenchOptions& options, const std::string& method, bool with_model) {
+  if (with_model && !options.model) return false;
+  if (options.only.empty()) return with_model == (options.model != nullptr);
+  return std::find(options.only.begin(), options.only.end(), method) != options.only.end();
 }
 
 /// Batch sizes of a case: colour at the largest only, refinement, search and the paper's unit weights alone and at the
-/// largest.
+/// largest; with a model the CPU, which knows no batches, alone.
 std::vector<int> batches_of(const AlignerCase& c, const BenchOptions& options) {
   const int most = *std::max_element(options.pairs.begin(), options.pairs.end());
+  if (c.model && c.solver == Solver::cpu) return {*std::min_element(options.pairs.begin(), options.pairs.end())};
   std::vector<int> batches;
   for (int n : options.pairs)
     if ((!c.colour && !c.refine && !c.unit_weights && !c.search) || n == most || (!c.colour && n == 1)) batches.push_back(n);
@@ -154,16 +118,31 @@ double set_references(Aligner& aligner, std::span<const PeerPair> batch, bool co
   return watch.wall_ms();
 }
 
-BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
-                       std::span<const PeerPair> pairs, int batch, const AlignerCase& c) {
-  AlignerOptions settings;
+/// Grey models get grey images, as the classical mode does.
+bool in_colour(const BenchOptions& options, const AlignerCase& c) {
+  return c.model ? options.model->input_channels == 3 : c.colour;
+}
+
+std::unique_ptr<Aligner> make_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context, int batch,
+                                      const AlignerCase& c) {
+  AlignerOptions settings = c.model ? options.model->options() : AlignerOptions();
   if (c.unit_weights) settings.robust = Robust::unit;
   settings.search.enabled = c.search;
-  const auto aligner = make_any_aligner(c.solver, context, plan_of(options, batch, c.colour), settings);
+  return make_any_aligner(c.solver, context, plan_of(options, batch, in_colour(options, c)), settings,
+                          c.model ? options.model : nullptr, options.say);
+}
+
+BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
+                       std::span<const PeerPair> pairs, int batch, const AlignerCase& c) {
+  const bool colour = in_colour(options, c);
+  const auto aligner = make_aligner(options, context, batch, c);
   const auto refiner = c.refine ? std::make_unique<Refiner>(*aligner) : nullptr;
+  if (c.keyframe) pairs = pairs.first(static_cast<size_t>(batch));
   std::vector<Pair> work;
-  BenchRow row = measure(options, pairs, batch, [&](int first, std::vector<Outcome>& outcomes) {
-    set_references(*aligner, pairs.subspan(static_cast<size_t>(first), static_cast<size_t>(batch)), c.colour, work);
+  const int pairs_timed = c.model ? kModelPairsTimed : kPairsTimed;
+  BenchRow row = measure(options, pairs, batch, pairs_timed, [&](int first, std::vector<Outcome>& outcomes) {
+    if (!c.keyframe || work.empty())
+      set_references(*aligner, pairs.subspan(static_cast<size_t>(first), static_cast<size_t>(batch)), colour, work);
     if (refiner) {
       for (const RefinedAlignment& r : refiner->align(work)) outcomes.push_back({r.converged(), r.T_10});
     } else {
@@ -171,12 +150,12 @@ BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine
     }
   });
   row.method = c.method;
-  row.format = c.colour ? "rgba8" : "r8";
+  row.format = colour ? "rgba8" : "r8";
   return row;
 }
 
 BenchRow bench_method(const BenchOptions& options, std::span<const PeerPair> pairs, PeerMethod& method) {
-  BenchRow row = measure(options, pairs, 1, [&](int first, std::vector<Outcome>& outcomes) {
+  BenchRow row = measure(options, pairs, 1, kPairsTimed, [&](int first, std::vector<Outcome>& outcomes) {
     const PeerAnswer answer = method.run(pairs[static_cast<size_t>(first)]);
     outcomes.push_back({answer.claimed, answer.T_10});
   });
@@ -184,30 +163,57 @@ BenchRow bench_method(const BenchOptions& options, std::span<const PeerPair> pai
   return row;
 }
 
+void add_refinement(const std::vector<RefinedAlignment>& results, std::vector<Stage>& sums) {
+  for (const RefinedAlignment& r : results)
+    for (const Stage& stage : r.stages) {
+      if (stage.name == "iclk") continue;  // in the device's own stages
+      const auto at = std::find_if(sums.begin(), sums.end(), [&](const Stage& s) { return s.name == stage.name; });
+      if (at == sums.end())
+        sums.push_back({stage.name, {}, 0, stage.ms});
+      else
+        at->ms += stage.ms;
+    }
+}
+
 BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
                             std::span<const PeerPair> pairs, int batch) {
-  const auto aligner = make_device_aligner(context, plan_of(options, batch, false), {}, Solver::device);
+  const bool learned = options.model != nullptr;
+  const AlignerCase c{.method = "", .solver = Solver::device, .search = learned, .model = learned};
+  const auto any_aligner = make_aligner(options, context, batch, c);
+  auto& aligner = dynamic_cast<DeviceAligner&>(*any_aligner);
+  const auto refiner = learned ? std::make_unique<Refiner>(aligner) : nullptr;
   BenchProfile profile;
   profile.pairs = batch;
+  profile.model = learned;
   std::vector<Pair> work;
-  const int calls = options.repetitions * std::max(1, kPairsTimed / batch);
+  const int calls = options.repetitions * std::max(1, (learned ? kModelPairsTimed : kPairsTimed) / batch);
   std::vector<double> wall, prepare;
   for (int i = -1; i < calls; ++i) {  // the first call is not counted
-    if (i == 0) aligner->enable_timing(true);
+    if (i == 0) aligner.enable_timing(true);
     const size_t first =
         static_cast<size_t>(std::max(i, 0)) % (pairs.size() / static_cast<size_t>(batch)) * static_cast<size_t>(batch);
     const Stopwatch watch;
-    const double references = set_references(*aligner, pairs.subspan(first, static_cast<size_t>(batch)), false, work);
-    aligner->align(work);
+    const auto group = pairs.subspan(first, static_cast<size_t>(batch));
+    const double references = set_references(aligner, group, in_colour(options, c), work);
+    std::vector<RefinedAlignment> refined;
+    if (refiner)
+      refined = refiner->align(work);
+    else
+      aligner.align(work);
     if (i < 0) continue;
     wall.push_back(watch.wall_ms() / batch);
     prepare.push_back(references / batch);
+    add_refinement(refined, profile.refinement);
   }
   profile.wall = median(wall);
   profile.set_reference = median(prepare);
-  for (engine::StageTime stage : aligner->times()) {
+  for (Stage& stage : profile.refinement) stage.ms /= static_cast<double>(calls) * batch;
+  if (learned)
+    profile.encoder_gmac = 1e-9 * options.model->encoder_macs(options.width, options.height, options.model->levels());
+  for (engine::StageTime stage : aligner.times()) {
     stage.milliseconds /= static_cast<double>(calls) * batch;
     stage.count /= calls;
+    if (stage.name == "encode") profile.encoder_gflops = 2 * 2 * profile.encoder_gmac / (1e-3 * stage.milliseconds);
     profile.stages.push_back(stage);
   }
   return profile;
@@ -244,29 +250,13 @@ std::vector<std::string> bench_methods() {
   return names;
 }
 
-std::vector<PeerPair> make_bench_pairs(const BenchOptions& options, int count, const Progress& progress) {
-  std::vector<PeerPair> pairs;
-  for (int k = 0; static_cast<int>(pairs.size()) < count; ++k) {
-    progress("drawing images", static_cast<int>(pairs.size()), count + 1);
-    SceneOptions scene_options;
-    scene_options.width = options.width;
-    scene_options.height = options.height;
-    scene_options.seed = static_cast<uint64_t>(k) + 1;
-    const ScenePair scene = make_scene_pair(motion(k), scene_options);
-    for (int v = 0; v < kVariants && static_cast<int>(pairs.size()) < count; ++v)
-      pairs.push_back(variant(scene, v, options.features));
-  }
-  progress("", count + 1, count + 1);
-  return pairs;
-}
-
 BenchReport run_bench(const BenchOptions& options, const std::shared_ptr<engine::Context>& context, const Progress& progress) {
   options.check();
   BenchReport report;
   report.options = options;
   report.machine = describe_machine(context.get());
   const int most = *std::max_element(options.pairs.begin(), options.pairs.end());
-  const std::vector<PeerPair> pairs = make_bench_pairs(options, std::max(most, kVariants), progress);
+  const std::vector<PeerPair> pairs = make_bench_pairs({options.width, options.height, options.features}, most, progress);
 
   struct Step {
     std::string name;
@@ -274,11 +264,11 @@ BenchReport run_bench(const BenchOptions& options, const std::shared_ptr<engine:
   };
   std::vector<Step> steps;
   for (const AlignerCase& c : kCases)
-    for (int n : wanted(options, c.method) ? batches_of(c, options) : std::vector<int>())
+    for (int n : wanted(options, c.method, c.model) ? batches_of(c, options) : std::vector<int>())
       steps.push_back({formatted("%s, %d at a time", c.method, n),
                        [&, n] { report.rows.push_back(bench_aligner(options, context, pairs, n, c)); }});
   for (int threads : kOdometryThreads)
-    if (const std::shared_ptr method = make_rgbd_odometry(threads); wanted(options, method->name()))
+    if (const std::shared_ptr method = make_rgbd_odometry(threads); wanted(options, method->name(), false))
       steps.push_back({method->name(), [&, method] { report.rows.push_back(bench_method(options, pairs, *method)); }});
   for (int n : options.profile ? options.pairs : std::vector<int>())
     steps.push_back({formatted("profile, %d at a time", n),
@@ -296,6 +286,17 @@ double bench_wall(const BenchReport& report, const std::string& method, int pair
   for (const BenchRow& row : report.rows)
     if (row.method == method && row.pairs == pairs) return row.wall.median;
   return std::numeric_limits<double>::quiet_NaN();
+}
+
+void save_bench_pair(const BenchOptions& options, const std::shared_ptr<engine::Context>& context, const std::string& path) {
+  const auto pairs =
+      make_bench_pairs({options.width, options.height, options.features}, 1, [](const std::string&, int, int) {});
+  const AlignerCase c{.method = "", .solver = Solver::device, .model = options.model != nullptr};
+  const bool colour = in_colour(options, c);
+  const auto aligner = make_aligner(options, context, 1, c);
+  std::vector<Pair> work;
+  set_references(*aligner, pairs, colour, work);
+  write_pair(path, pairs.front(), colour, aligner->align(work.front()).T_10);
 }
 
 }  // namespace iclk

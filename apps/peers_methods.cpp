@@ -7,8 +7,7 @@
 #include <opencv2/rgbd.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include <iclk/align/device_aligner.h>
-
+#include "apps/any_aligner.h"
 #include "apps/io/images.h"
 
 namespace iclk {
@@ -70,7 +69,7 @@ class Iclk final : public PeerMethod {
       return;
     plan_ = Plan{pair.image_0.cols, pair.image_0.rows, std::max(pair.features.size(), 1), 1, 1, false, format};
     refiner_.reset();
-    aligner_ = make_any_aligner(settings_.solver, settings_.context, plan_, settings_.aligner);
+    aligner_ = make_any_aligner(settings_.solver, settings_.context, plan_, settings_.aligner, settings_.model);
     if (refine_) refiner_ = std::make_unique<Refiner>(*aligner_, settings_.refiner);
   }
 
@@ -170,11 +169,5 @@ std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool 
 std::unique_ptr<PeerMethod> make_rgbd_odometry(int threads) { return std::make_unique<RgbdOdometry>(threads); }
 std::unique_ptr<PeerMethod> make_klt_pnp() { return std::make_unique<KltPnp>(); }
 std::unique_ptr<PeerMethod> make_sift_pnp() { return std::make_unique<SiftPnp>(); }
-
-std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<engine::Context>& context, const Plan& plan,
-                                          const AlignerOptions& options) {
-  if (solver == Solver::cpu) return make_cpu_aligner(plan, options);
-  return make_device_aligner(context, plan, options, solver);
-}
 
 }  // namespace iclk

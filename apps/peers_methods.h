@@ -6,6 +6,7 @@
 #include <opencv2/core.hpp>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/model.h>
 #include <iclk/engine/context.h>
 #include <iclk/refine/refiner.h>
 
@@ -46,6 +47,7 @@ struct IclkSettings {
   std::shared_ptr<engine::Context> context;  ///< null: Solver::cpu
   Solver solver = Solver::host;
   AlignerOptions aligner;
+  std::shared_ptr<const Model> model;  ///< null: the classical mode
   RefinerOptions refiner;
 };
 std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine);
@@ -61,9 +63,5 @@ std::unique_ptr<PeerMethod> make_klt_pnp();
 /// cv::SIFT in both images, brute-force matches that pass the ratio test 0.75, depth of image 0 there, and the same
 /// solvePnPRansac.
 std::unique_ptr<PeerMethod> make_sift_pnp();
-
-/// A solver of any kind. `context` may be null for Solver::cpu.
-std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<engine::Context>& context, const Plan& plan,
-                                          const AlignerOptions& options);
 
 }  // namespace iclk

@@ -4,7 +4,9 @@
 #include <cstdio>
 #include <map>
 
+#include "apps/any_aligner.h"
 #include "apps/io/pose_text.h"
+#include "apps/io/text.h"
 #include "apps/metrics.h"
 
 namespace iclk {
@@ -164,6 +166,7 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
           {"visible_fraction", number(result.iclk.visible_fraction)},
           {"correlation", number(result.iclk.correlation)},
           {"agreement", number(result.iclk.agreement)},
+          {"model", model_name(session.options().model.get())},
           {"device", session.device_name()},
           {"timing_ms", std::move(timing)}};
 }
@@ -173,6 +176,7 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   std::string out;
   out += "reference  " + pair.name_0 + "\n" + "target     " + pair.name_1 + "\n";
   out += format("camera     %dx%d, fx %.2f fy %.2f cx %.2f cy %.2f\n", c.width, c.height, c.fx, c.fy, c.cx, c.cy);
+  if (session.options().model) out += "model      " + printable(model_name(session.options().model.get())) + "\n";
   out += "device     " + session.device_name() + "\n\n";
   const auto row = [&](const std::string& stage, const PoseError* e, double cost, double ms) {
     out += format("%-18s", stage.c_str());

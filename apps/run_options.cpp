@@ -4,7 +4,11 @@
 
 #include <spdlog/spdlog.h>
 
+#include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
+
+#include "apps/command.h"
+#include "apps/model_lookup.h"
 
 namespace iclk {
 
@@ -16,31 +20,41 @@ void RunOptions::add_to(CLI::App& command) {
       ->check(CLI::IsMember({"host", "device", "cpu"}));
   command.add_option("--device", device,
                      "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
-  command.add_option("--levels", aligner.levels, "Pyramid levels: each doubles the motion that can be found")
-      ->capture_default_str();
-  command.add_option("--iterations", aligner.iterations, "Iterations a level, at most")->capture_default_str();
+  command
+      .add_option("--model", model,
+                  "A learned model, file or name (`iclk model info`): its encoder instead of the grey pyramid, its weights "
+                  "instead of --robust; or classical")
+      ->capture_default_str()
+      ->check(not_empty)
+      ->type_name("FILE|classical");
+  command.add_option(
+      "--levels", levels,
+      "Pyramid levels: each doubles the motion that can be found; default 4, or all that the model has (fewer: its "
+      "finest)");
+  command.add_option("--iterations", iterations, "Iterations a level, at most; default 10, or the model's");
   command
       .add_option("--robust", robust,
-                  "Weights of the residuals; unit is the paper's. huber, tukey and cauchy play down what moved by itself")
-      ->capture_default_str()
+                  "Weights of the residuals; unit is the paper's. huber, tukey and cauchy play down what moved by itself; "
+                  "default huber, with a model unit")
       ->check(CLI::IsMember({"unit", "huber", "tukey", "cauchy"}));
   command
       .add_option("--damping", damping,
                   "fixed: every step is taken, as in the paper; adaptive: a step that raises the cost is taken back")
       ->capture_default_str()
       ->check(CLI::IsMember({"fixed", "adaptive"}));
-  command.add_option("--lambda", aligner.lambda, "Damping, or its start value")->capture_default_str();
+  command.add_option("--lambda", lambda, "Damping, or its start value; default 1e-6, or the model's");
   command
       .add_option("--search", search,
                   "Try many rotations about the first guess at the coarsest level and begin with the best; auto: where no "
                   "first guess is given")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "on", "off"}));
-  command.add_option("--search-grid", aligner.search.grid, "Pans and tilts to try, so many each; odd")->capture_default_str();
+  command.add_option("--search-grid", start_search.grid, "Pans and tilts to try, so many each; odd")->capture_default_str();
   command.add_option(
       "--search-rotation", search_rotation,
       "Largest pan and tilt, degrees; default: as the grid reaches with steps of 3.4 pixels of the coarsest level");
-  command.add_flag("--no-photometric", no_photometric, "Do not estimate the pair's exposure (gain and bias)");
+  command.add_flag("--photometric,!--no-photometric", photometric,
+                   "Estimate the pair's exposure (gain and bias), or do not; default: do, but not with a model");
   command.add_flag("--dense", dense, "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
   command.add_flag("--no-refine", no_refine, "Stop after ICLK: no feature alignment, no pose refinement");
   command.add_option("--refine-rounds", refiner.rounds, "Rounds of feature alignment and pose, at most")->capture_default_str();
@@ -51,15 +65,21 @@ SessionOptions RunOptions::session(bool guessed) const {
   SessionOptions options;
   options.solver = parse_solver(solver);
   options.device = device;
-  options.aligner = aligner;
-  options.aligner.robust = parse_robust(robust);
+  if (model != "classical") options.model = std::make_shared<Model>(load_model(find_model(model)));
+  if (options.model) options.aligner = options.model->options();
+  options.aligner.levels = levels.value_or(options.aligner.levels);
+  options.aligner.iterations = iterations.value_or(options.aligner.iterations);
+  options.aligner.lambda = lambda.value_or(options.aligner.lambda);
+  if (robust) options.aligner.robust = parse_robust(*robust);
   options.aligner.damping = parse_damping(damping);
-  options.aligner.photometric = !no_photometric;
+  options.aligner.photometric = photometric.value_or(options.aligner.photometric);
+  options.aligner.search = start_search;
   options.aligner.search.enabled = search == "on" || (search == "auto" && !guessed && !dense);
   options.aligner.search.rotation = search_rotation * M_PI / 180;
   options.dense = dense;
   options.refine = !no_refine;
   options.refiner = refiner;
+  options.say = [](const std::string& line) { spdlog::info("{}", line); };
   return options;
 }
 

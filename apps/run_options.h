@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <string>
 
 #include <CLI/CLI.hpp>
@@ -10,14 +11,19 @@ namespace iclk {
 
 /// The options that align, batch and bench share, as text until they are checked.
 struct RunOptions {
-  std::string solver = "host", device, robust = "huber", damping = "fixed", search = "auto";
+  std::string solver = "host", device, model = "classical", damping = "fixed", search = "auto";
+  // Without a value: the model's, or the classical mode's.
+  std::optional<int> levels, iterations;
+  std::optional<double> lambda;
+  std::optional<std::string> robust;
+  std::optional<bool> photometric;
+  StartSearch start_search;
   double search_rotation = 0;  // degrees
-  AlignerOptions aligner;
   RefinerOptions refiner;
-  bool no_photometric = false, no_refine = false, dense = false;
+  bool no_refine = false, dense = false;
 
   void add_to(CLI::App& command);
-  /// Throws Error(invalid_argument) that names the value.
+  /// Reads the model. Throws Error(invalid_argument) that names the value, Error(io) for a model that is not there.
   /// `guessed`: the pairs come with a first guess, about which nothing is searched unless --search on.
   SessionOptions session(bool guessed = false) const;
 };

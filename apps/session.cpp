@@ -8,6 +8,7 @@
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 
+#include "apps/any_aligner.h"
 #include "apps/io/images.h"
 #include "apps/io/text.h"
 
@@ -117,14 +118,9 @@ void Session::make_plan(const Plan& plan) {
   refiner_.reset();
   aligner_.reset();
   device_aligner_ = nullptr;
-  if (options_.solver == Solver::cpu) {
-    aligner_ = make_cpu_aligner(plan, options_.aligner);
-  } else {
-    auto aligner = make_device_aligner(context_, plan, options_.aligner, options_.solver);
-    aligner->enable_timing(options_.profile);
-    device_aligner_ = aligner.get();
-    aligner_ = std::move(aligner);
-  }
+  aligner_ = make_any_aligner(options_.solver, context_, plan, options_.aligner, options_.model, options_.say);
+  device_aligner_ = dynamic_cast<DeviceAligner*>(aligner_.get());
+  if (device_aligner_ != nullptr) device_aligner_->enable_timing(options_.profile);
   if (options_.refine) refiner_ = std::make_unique<Refiner>(*aligner_, options_.refiner);
 }
 

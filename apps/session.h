@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -6,6 +7,7 @@
 #include <vector>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/model.h>
 #include <iclk/engine/context.h>
 #include <iclk/refine/refiner.h>
 
@@ -19,11 +21,13 @@ struct SessionOptions {
   Solver solver = Solver::host;
   std::string device;  ///< index, part of a name, UUID; empty: ICLK_DEVICE, else the best
   AlignerOptions aligner;
-  bool dense = false;  ///< every pixel with depth instead of patches; needs a depth image
+  std::shared_ptr<const Model> model;  ///< null: the classical mode
+  bool dense = false;                  ///< every pixel with depth instead of patches; needs a depth image
   bool refine = true;
   RefinerOptions refiner;
-  int max_pairs = 1;     ///< in one batch on the device
-  bool profile = false;  ///< let the device keep the time of its stages
+  int max_pairs = 1;                            ///< in one batch on the device
+  bool profile = false;                         ///< let the device keep the time of its stages
+  std::function<void(const std::string&)> say;  ///< lines for the user about work that takes seconds
 };
 
 /// Where a run spent its time, ms.

@@ -60,7 +60,7 @@ TEST(Bench, OptionsAreNamedWhenWrong) {
 
 TEST(Bench, PairsAreDistinctAndTheirTruthHolds) {
   BenchOptions options = tiny();
-  const std::vector<PeerPair> pairs = make_bench_pairs(options, 10, kQuiet);
+  const std::vector<PeerPair> pairs = make_bench_pairs({options.width, options.height, options.features}, 10, kQuiet);
   ASSERT_EQ(pairs.size(), 10u);
   std::set<const void*> memory;
   for (const PeerPair& pair : pairs) {

@@ -1,0 +1,170 @@
+// A learned model on the command line: align, batch and bench.
+#include <algorithm>
+#include <cstdlib>
+#include <map>
+#include <set>
+
+#include <nlohmann/json.hpp>
+
+#include <iclk/align/internal/safetensors.h>
+#include <iclk/align/model_file.h>
+
+#include "apps/command.h"
+#include "command_fixture.h"
+#include "random_model.h"
+
+namespace iclk {
+namespace {
+
+using Json = nlohmann::json;
+using test::Finished;
+using test::Folder;
+
+class Learned : public test::Command {
+ protected:
+  static void SetUpTestSuite() {
+    Command::SetUpTestSuite();
+    Model model = test::random_model({{4, 4, 8}, {8, 8, 8}, {8, 8, 8}});
+    model.name = "narrow";
+    save_model(model, file("narrow.safetensors"));
+  }
+
+  /// Kernels that are measured are remembered in a folder of the test's own; what Mesa compiled stays where it is.
+  static Finished run(const std::vector<std::string>& arguments, const std::string& tuning = "cache") {
+    return test::run(arguments, [&] {
+      if (const char* home = getenv("HOME")) setenv("MESA_SHADER_CACHE_DIR", (std::string(home) + "/.cache").c_str(), 0);
+      setenv("XDG_CACHE_HOME", file("cache").c_str(), 1);
+      setenv("ICLK_TUNING", tuning.c_str(), 1);
+    });
+  }
+  static std::vector<std::string> learned(std::vector<std::string> more = {}) {
+    more.insert(more.begin(), {"--model", file("narrow.safetensors"), "--truth", truth_, "--json"});
+    return align(more);
+  }
+  static Json json(const Finished& f) {
+    EXPECT_EQ(f.code, 0) << f.err << f.out;
+    return Json::parse(f.out);
+  }
+};
+
+TEST_F(Learned, AlignsWithAModel) {
+  const Json found = json(run(learned()));
+  EXPECT_EQ(found["model"], "narrow");
+  EXPECT_EQ(found["levels"].size(), 3u) << "all that the model has";
+  EXPECT_EQ(found["stages"][0]["name"], "iclk");
+  EXPECT_LT(found["stages"][0]["e_pixel"], 1.5) << "even random features agree when nothing but the pose differs";
+  EXPECT_LT(found["stages"].back()["e_pixel"], 0.2);
+  const Json classical = json(run(align({"--json"})));
+  EXPECT_EQ(classical["model"], "classical");
+  EXPECT_EQ(classical["levels"].size(), 4u);
+  EXPECT_NE(classical["stages"][0]["T_10"], found["stages"][0]["T_10"]);
+  const Finished table = run(align({"--model", file("narrow.safetensors")}));
+  EXPECT_NE(table.out.find("model      narrow"), std::string::npos) << table.out;
+}
+
+TEST_F(Learned, OptionsGoBeforeTheModelsOwn) {
+  EXPECT_EQ(json(run(learned({"--levels", "2", "--no-refine"})))["levels"].size(), 2u) << "its finest two";
+  const Json one = Json::parse(run(learned({"--iterations", "1", "--search", "off", "--no-refine"})).out);
+  for (const auto& level : one["levels"]) EXPECT_LE(level["iterations"].size(), 2u);
+  const Finished many = run(learned({"--levels", "4"}));
+  EXPECT_EQ(many.code, kBadInput);
+  EXPECT_NE(many.err.find("narrow has 3"), std::string::npos) << many.err;
+  const Finished robust = run(learned({"--robust", "huber"}));
+  EXPECT_EQ(robust.code, kBadInput);
+  EXPECT_NE(robust.err.find("M-estimator"), std::string::npos) << robust.err;
+  EXPECT_EQ(run(learned({"--model", "no_such_model"})).code, kUsage) << "twice";
+  EXPECT_EQ(run(align({"--model", "no_such_model"})).code, kIo);
+  EXPECT_EQ(run(align({"--model", ""})).code, kUsage);
+}
+
+TEST_F(Learned, SearchesWhereNoPoseIsGiven) {
+  const Json searched = json(run(learned({"--no-refine"}))), started = json(run(learned({"--no-refine", "--search", "off"})));
+  EXPECT_NE(searched["T_10"], started["T_10"]) << "to the last bit";
+  EXPECT_EQ(json(run(learned({"--no-refine", "--search", "on"})))["T_10"], searched["T_10"]);
+  EXPECT_EQ(json(run(learned({"--no-refine", "--initial-pose", "0 0 0 0 0 0 1"})))["T_10"], started["T_10"]);
+}
+
+TEST_F(Learned, ADeviceMeasuresItsKernelsOnce) {
+  if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
+  save_model(test::random_model({{4}, {4}}), file("two_layers.safetensors"));
+  std::vector<std::string> line = learned();
+  std::replace(line.begin(), line.end(), file("narrow.safetensors"), file("two_layers.safetensors"));
+  const std::vector<std::string> on_cpu = line;
+  std::replace(line.begin(), line.end(), std::string("cpu"), std::string("device"));
+  const Finished first = run(line), second = run(line);
+  EXPECT_NE(first.err.find("measuring kernels for"), std::string::npos) << first.err;
+  EXPECT_EQ(second.err.find("measuring kernels"), std::string::npos) << second.err;
+  Json a = json(first), b = json(second), cpu = json(run(on_cpu));
+  a.erase("timing_ms"), b.erase("timing_ms");
+  for (Json* j : {&a, &b})
+    for (auto& stage : (*j)["stages"]) stage.erase("ms");
+  EXPECT_EQ(a, b);
+  for (int r = 0; r < 3; ++r)
+    for (int c = 0; c < 4; ++c) EXPECT_NEAR(a["T_10"][r][c].get<double>(), cpu["T_10"][r][c].get<double>(), 2e-4);
+  const Finished bad = run(line, "perhaps");
+  EXPECT_EQ(bad.code, kBadInput);
+  EXPECT_NE(bad.err.find("'perhaps'"), std::string::npos) << bad.err;
+}
+
+TEST_F(Learned, ABatchGoesOnOnlyWithTheSameWeights) {
+  const Folder folder;
+  const std::string model = folder.path("m.safetensors"), results = folder.path("r.jsonl");
+  std::filesystem::copy_file(file("narrow.safetensors"), model);
+  const std::string manifest = folder.write(
+      "m.jsonl", Json({{"reference", file("a.png")}, {"target", file("b.png")}, {"depth", file("d.png")}}).dump() + "\n");
+  const std::vector<std::string> line = {"batch",    manifest, "--out",   results, "--depth-scale", "5000",
+                                         "--camera", camera_,  "--model", model,   "--solver",      "cpu"};
+  EXPECT_EQ(run(line).code, 0);
+  const std::string whole = test::bytes_of(results);
+  EXPECT_NE(whole.find("\"model\":\"narrow\""), std::string::npos) << whole;
+  EXPECT_EQ(run(line).code, 0);
+  EXPECT_EQ(test::bytes_of(results), whole);
+  Model other = load_model(model);
+  other.encoder[0][0].bias[0] += 0.01f;
+  save_model(other, model);
+  const Finished f = run(line);
+  EXPECT_EQ(f.code, kBadInput);
+  EXPECT_NE(f.err.find("--model"), std::string::npos) << f.err;
+  EXPECT_EQ(test::bytes_of(results), whole);
+}
+
+TEST_F(Learned, BenchMeasuresEveryStage) {
+  if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
+  const Finished f = run({"bench", "--model", file("narrow.safetensors"), "--size", "192x144", "--pairs", "1,2",
+                          "--repetitions", "1", "--json", "--save-pair", file("pair.safetensors")},
+                         "off");
+  const Json report = json(f);
+  std::multiset<std::string> methods;
+  std::map<std::string, double> errors;
+  for (const auto& row : report["rows"]) {
+    methods.insert(row["method"].get<std::string>());
+    EXPECT_GT(row["ms_per_pair"], 0);
+    errors[row["method"]] = row["median_e_pixel"];
+  }
+  for (const char* method : {"model, host", "model, cpu", "model, keyframe"})
+    EXPECT_NEAR(errors[method], errors["model, device"], 0.05) << method << ": the same work on the same pairs";
+  EXPECT_LT(errors["model + search + refine"], 0.5);
+  EXPECT_EQ(methods, (std::multiset<std::string>{"model + search", "model + search", "model + search + refine",
+                                                 "model + search + refine", "model, cpu", "model, device", "model, device",
+                                                 "model, host", "model, host", "model, keyframe", "model, keyframe"}));
+  ASSERT_EQ(report["profiles"].size(), 2u);
+  for (const auto& profile : report["profiles"]) {
+    std::set<std::string> stages;
+    for (const auto& stage : profile["stages"]) {
+      stages.insert(stage["stage"].get<std::string>());
+      EXPECT_GT(stage["ms_per_pair"], 0) << stage;
+    }
+    for (const char* stage : {"encode", "mask", "m_estimator", "search", "iterate", "feature_alignment", "pose"})
+      EXPECT_TRUE(stages.contains(stage)) << stage;
+    EXPECT_GT(profile["encoder"]["gflops"], 0);
+  }
+
+  const std::string bytes = test::bytes_of(file("pair.safetensors"));
+  const auto pair = internal::parse_safetensors({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+  EXPECT_EQ(pair.find("image1")->shape, (std::vector<size_t>{1, 3, 144, 192}));
+  EXPECT_EQ(pair.find("features")->shape[1], pair.find("inverse_depth")->shape[1]);
+  for (size_t i = 0; i < 3; ++i) EXPECT_NEAR(pair.find("t")->data[i], pair.find("truth_t")->data[i], 0.02);
+}
+
+}  // namespace
+}  // namespace iclk
