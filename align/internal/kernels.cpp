@@ -1,14 +1,12 @@
 #include <iclk/align/internal/kernels.h>
 
 #include "agreement.comp.spv.h"
-#include "halve.comp.spv.h"
 #include "inverse_depth.comp.spv.h"
 #include "iterate.comp.spv.h"
 #include "jacobian.comp.spv.h"
 #include "lm_step.comp.spv.h"
 #include "mask.comp.spv.h"
 #include "normal_equations.comp.spv.h"
-#include "pyramid.comp.spv.h"
 #include "residual.comp.spv.h"
 #include "result.comp.spv.h"
 #include "select.comp.spv.h"
@@ -32,13 +30,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   using namespace shaders;
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
                  robust = static_cast<uint32_t>(options.robust);
-  pyramid = {context,
-             {"pyramid",
-              pyramid_comp_spv,
-              {storage_read, storage_write},
-              sizeof(PyramidPush),
-              {sizes.map, shader_format(plan.format), static_cast<uint32_t>(options.levels)}}};
-  halve = {context, {"pyramid", halve_comp_spv, {storage_read, storage_read_write}, sizeof(HalvePush), {sizes.map}}};
+  if (!layout.learned) pyramid = {context, plan.format, layout, sizes.map};
   if (plan.dense)
     inverse_depth = {context,
                      {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}}};

@@ -1,5 +1,5 @@
 #pragma once
-#include <iclk/align/internal/layout.h>
+#include <iclk/align/internal/grey_pyramid.h>
 #include <iclk/engine/kernel.h>
 
 namespace iclk::internal {
@@ -12,8 +12,9 @@ struct Kernels {
   Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, const Layout& layout,
           const WorkgroupSizes& sizes);
 
-  engine::Kernel pyramid, halve, mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate,
-      agreement, result, select;
+  GreyPyramid pyramid;
+  engine::Kernel mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate, agreement, result,
+      select;
 };
 
 }  // namespace iclk::internal

@@ -17,9 +17,10 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
   blocks_x = (width + ICLK_BLOCK - 1) / ICLK_BLOCK;
   blocks_y = (height + ICLK_BLOCK - 1) / ICLK_BLOCK;
   pixel_words = static_cast<uint32_t>(static_cast<uint64_t>(row_pixels()) * height * bytes_per_pixel(plan.format) / 4);
-  // A copy of level 0 as floats would be most of what the pyramid writes, and would say nothing new.
+  learned = model;
   weighted = options.robust != Robust::unit || (model && !model->m_estimator.empty());
-  level0_in_pixels = !model && (plan.format == PixelFormat::r8 || plan.format == PixelFormat::r32f);
+  // A copy of level 0 as floats would be most of what the pyramid writes, and would say nothing new.
+  level0_in_pixels = !learned && channels(plan.format) == 1;
   for (int l = 0; l < options.levels; ++l) {
     shaders::LevelInfo info{};
     info.width = width >> l;

@@ -17,6 +17,7 @@ struct Layout {
   uint32_t blocks_x = 0, blocks_y = 0;     // 8x8 blocks that cover an image
   uint32_t pixel_words = 0;                // 32-bit words of an image's raw pixels
   uint32_t map_stride = 0;                 // floats of an image's maps
+  bool learned = false;                    // maps are an encoder's
   bool weighted = false;                   // elements have weights of their own
   bool level0_in_pixels = false;           // level 0 is no map: kernels read the raw pixels through a texel view
   uint32_t element_stride = 0;             // elements of a reference's template, all levels

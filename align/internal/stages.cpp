@@ -85,8 +85,7 @@ uint32_t partial_groups(const Layout& layout, const WorkgroupSizes& sizes, int l
 engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& network) {
   engine::ArenaSize size;
   network.add_to(size);
-  size.add(k.pyramid, 2);
-  size.add(k.halve, 2);
+  if (!network.encoder) k.pyramid.add_to(size, 2);
   if (k.mask) size.add(k.mask);
   if (k.inverse_depth) size.add(k.inverse_depth);
   // Twice where level 0 may lie in another buffer than the levels beyond.
@@ -102,30 +101,13 @@ engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& netw
   return size;
 }
 
-void Stages::pyramid(Recorder& recorder, const Buffer& pixels, const Buffer& maps, uint32_t first, uint32_t count) const {
-  if (network.encoder) return network.encoder->record(recorder, memory, pixels, maps, first, count);
-  recorder.stage("pyramid");
-  shaders::PyramidPush p{};
-  const auto offset = [&](size_t level) { return level < layout.levels.size() ? layout.levels[level].map_offset : 0; };
-  p.height = layout.levels[0].height;
-  p.offset_0 = offset(0);
-  p.offset_1 = offset(1);
-  p.offset_2 = offset(2);
-  p.offset_3 = offset(3);
-  p.blocks_x = layout.blocks_x;
-  p.pixel_stride = layout.pixel_words;
-  p.map_stride = layout.map_stride;
-  p.first_image = first;
-  if (layout.levels.size() > 1 || !layout.level0_in_pixels)
-    recorder.dispatch(kernels.pyramid, {&pixels, &maps}, p, {groups_for(layout.blocks_x, sizes.map), layout.blocks_y, count});
-  for (size_t l = ICLK_FUSED_LEVELS; l < layout.levels.size(); ++l)
-    recorder.dispatch(kernels.halve, {&at(ids.levels), &maps},
-                      shaders::HalvePush{static_cast<uint32_t>(l), layout.map_stride, first},
-                      {groups_for(layout.levels[l].width, sizes.map), layout.levels[l].height, count});
+void Stages::maps(Recorder& recorder, const Buffer& pixels, const Buffer& to, uint32_t first, uint32_t count) const {
+  if (network.encoder) return network.encoder->record(recorder, memory, pixels, to, first, count);
+  kernels.pyramid.record(recorder, at(ids.levels), pixels, to, first, count);
 }
 
 void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
-  pyramid(recorder, at(ids.pixels0), at(ids.maps0), first, count);
+  maps(recorder, at(ids.pixels0), at(ids.maps0), first, count);
   recorder.stage("mask");
   const auto max_features = static_cast<uint32_t>(plan.max_features);
   const auto levels_n = static_cast<uint32_t>(layout.levels.size());
@@ -158,7 +140,7 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
   }
 }
 
-void Stages::targets(Recorder& recorder, uint32_t count) const { pyramid(recorder, at(ids.pixels1), at(ids.maps1), 0, count); }
+void Stages::targets(Recorder& recorder, uint32_t count) const { maps(recorder, at(ids.pixels1), at(ids.maps1), 0, count); }
 
 shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags) const {
   shaders::IteratePush p{};

@@ -78,8 +78,8 @@ struct Stages {
  private:
   void result(engine::Recorder& recorder, uint32_t pairs) const;
   const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
-  void pyramid(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first,
-               uint32_t count) const;
+  void maps(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& to, uint32_t first,
+            uint32_t count) const;
   shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
   void iterate(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const;
   void descend(engine::Recorder& recorder, engine::BufferId candidates, uint32_t count, int finest, int iterations) const;
