@@ -1,5 +1,7 @@
 #include <iclk/align/cpu_aligner.h>
 
+#include <algorithm>
+
 #include <iclk/align/internal/agreement.h>
 #include <iclk/align/internal/input.h>
 #include <iclk/align/internal/jacobian.h>
@@ -18,9 +20,14 @@ struct CpuAligner::Keyframe {
   Camera camera;
   Features features;
   std::vector<FeatureCheck> checks;
-  Pyramid f0;
+  Pyramid grey;
   std::vector<internal::Template> levels;  // finest first
   double mean_inverse_depth = 0;
+};
+
+struct CpuAligner::Maps {
+  Pyramid grey, learned;  // learned: empty without a model
+  const Pyramid& aligned() const { return learned.empty() ? grey : learned; }
 };
 
 CpuAligner::CpuAligner(const Plan& plan, const AlignerOptions& options, std::shared_ptr<const Model> model)
@@ -35,8 +42,10 @@ CpuAligner::CpuAligner(const Plan& plan, const AlignerOptions& options, std::sha
 
 CpuAligner::~CpuAligner() = default;
 
-Pyramid CpuAligner::features_of(const ImageView& image) const {
-  return model_ ? internal::encode(*model_, image, options_.levels) : grey_pyramid(image, options_.levels);
+CpuAligner::Maps CpuAligner::maps_of(const ImageView& image) const {
+  if (!model_) return {grey_pyramid(image, options_.levels), {}};
+  return {grey_pyramid(image, std::min(options_.levels, kFeatureAlignmentLevels)),
+          internal::encode(*model_, image, options_.levels)};
 }
 
 std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& reference) {
@@ -47,10 +56,10 @@ std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& r
   keyframe->features = reference.features;
   keyframe->checks = check_features(reference.features, reference.camera);
   keyframe->mean_inverse_depth = internal::mean_inverse_depth(reference, keyframe->checks, plan_.dense);
-  keyframe->f0 = features_of(reference.image);
+  Maps maps = maps_of(reference.image);
   Map q;
   for (int level = 0; level < options_.levels; ++level) {
-    const Map& f0 = keyframe->f0[static_cast<size_t>(level)];
+    const Map& f0 = maps.aligned()[static_cast<size_t>(level)];
     if (plan_.dense) {
       q = level == 0 ? internal::dense_inverse_depth(reference.inverse_depth) : internal::half_inverse_depth(q);
       keyframe->levels.push_back(internal::dense_template(f0, q));
@@ -59,6 +68,7 @@ std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& r
       keyframe->levels.push_back(internal::sparse_template(f0, reference.features, mask, level));
     }
   }
+  keyframe->grey = std::move(maps.grey);
   auto& kept = keyframes_[static_cast<size_t>(slot)];
   kept = std::move(keyframe);
   return kept->checks;
@@ -75,8 +85,9 @@ std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
   std::vector<Alignment> out;
   out.reserve(pairs.size());
   for (size_t i = 0; i < pairs.size(); ++i) {
-    targets_[i] = features_of(pairs[i].target);
-    out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], targets_[i], pairs[i]));
+    Maps maps = maps_of(pairs[i].target);
+    out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], maps.aligned(), pairs[i]));
+    targets_[i] = std::move(maps.grey);
   }
   return out;
 }
@@ -127,8 +138,8 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
 const Camera& CpuAligner::camera(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->camera; }
 const Features& CpuAligner::features(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->features; }
 const std::vector<FeatureCheck>& CpuAligner::checks(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->checks; }
-const Pyramid& CpuAligner::reference_map(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->f0; }
-const Pyramid& CpuAligner::target_map(int pair) const { return targets_.at(static_cast<size_t>(pair)); }
+const Pyramid& CpuAligner::reference_grey(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->grey; }
+const Pyramid& CpuAligner::target_grey(int pair) const { return targets_.at(static_cast<size_t>(pair)); }
 
 std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options, std::shared_ptr<const Model> model) {
   return std::make_unique<CpuAligner>(plan, options, std::move(model));

@@ -21,19 +21,22 @@ class CpuAligner : public Aligner {
   const Features& features(int slot) const override;
   const std::vector<FeatureCheck>& checks(int slot) const override;
   const Plan& plan() const override { return plan_; }
-  const Pyramid& reference_map(int slot) const;
-  const Pyramid& target_map(int pair) const;
+  /// Grey maps, with a model too. Then they are the kFeatureAlignmentLevels finest levels as far as AlignerOptions::levels
+  /// goes, and always made: images are read during a call only, and beside the encoder they cost next to nothing.
+  const Pyramid& reference_grey(int slot) const;
+  const Pyramid& target_grey(int pair) const;
 
  private:
   struct Keyframe;
-  Pyramid features_of(const ImageView& image) const;
+  struct Maps;
+  Maps maps_of(const ImageView& image) const;
   Alignment align_one(const Keyframe& keyframe, const Pyramid& f1, const Pair& pair) const;
 
   Plan plan_;
   AlignerOptions options_;
   std::shared_ptr<const Model> model_;
   std::vector<std::unique_ptr<Keyframe>> keyframes_;
-  std::vector<Pyramid> targets_;
+  std::vector<Pyramid> targets_;  // grey
 };
 
 }  // namespace iclk

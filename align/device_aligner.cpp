@@ -146,7 +146,10 @@ void DeviceAligner::Impl::prepare_dirty(Recorder& recorder) {
       continue;
     }
     size_t last = first;
-    while (last < slots.size() && slots[last].dirty) slots[last++].dirty = false;
+    for (; last < slots.size() && slots[last].dirty; ++last) {
+      slots[last].dirty = false;
+      ++slots[last].version;
+    }
     const uint64_t count = last - first, image = 4ull * layout.pixel_words;
     recorder.stage("upload");
     if (ids.staging0) {
@@ -168,6 +171,7 @@ void DeviceAligner::Impl::prepare_dirty(Recorder& recorder) {
 void DeviceAligner::Impl::upload_targets(Recorder& recorder, std::span<const Pair> pairs) {
   const uint64_t image = 4ull * layout.pixel_words;
   auto* pixels = static_cast<uint8_t*>(memory[ids.staging1.value_or(ids.pixels1)].mapped);
+  ++targets_version;
   for (size_t i = 0; i < pairs.size(); ++i)
     internal::convert_pixels(pairs[i].target, plan.format, layout.row_pixels(), pixels + image * i);
   if (!ids.staging1) return;

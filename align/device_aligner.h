@@ -84,10 +84,9 @@ class DeviceAligner : public Aligner {
   void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
               std::span<const DevicePair> pairs);
 
-  /// Maps on the device, for the refinement, as texel views. Level 0 of slot or pair i begins at texel i * fine_stride of
-  /// fine0 or fine1, levels beyond at i * map_stride + LevelInfo::map_offset of maps0 or maps1. Without a model and
-  /// with a single-channel Plan::format level 0 is the pixels themselves, else it lies in the maps. Targets are those of the
-  /// last batch.
+  /// Maps on the device as texel views. Level 0 of slot or pair i begins at texel i * fine_stride of fine0 or fine1, levels
+  /// beyond at i * map_stride + LevelInfo::map_offset of maps0 or maps1. Level 0 of grey maps of a single-channel Plan::format
+  /// is the pixels themselves, else it lies in the maps. Targets are those of the last batch.
   struct Maps {
     const engine::Buffer* levels;         ///< shaders::LevelInfo
     const engine::Buffer* references;     ///< shaders::ReferenceInfo a slot
@@ -95,7 +94,29 @@ class DeviceAligner : public Aligner {
     const engine::Buffer *maps0, *maps1;  ///< r32f
     uint32_t fine_stride, map_stride;
   };
+  /// What the alignment works on: the grey pyramid, or with a model what its encoder made.
   Maps maps() const;
+
+  /// The images' grey maps, for feature alignment, which is photometric. Without a model they are maps(), and nothing is
+  /// recorded or allocated. With a model they are made from the aligner's pixels, the kFeatureAlignmentLevels finest levels as
+  /// far as AlignerOptions::levels goes, in memory of their own: who does not refine does not pay for them. Those of a slot
+  /// are made once for all targets, of a pair once a batch; after record(), whose executions nobody counts, at every call. The
+  /// aligner must outlive it.
+  class GreyMaps {
+   public:
+    virtual ~GreyMaps() = default;
+    virtual Maps maps() const = 0;
+    /// Records what brings the maps of these slots and pairs up to date. Duplicates cost nothing. Precondition: all are within
+    /// the plan and the batch.
+    virtual void record(engine::Recorder& recorder, std::span<const int> slots, std::span<const int> pairs) = 0;
+    /// After what record() wrote was executed; without this the next record() writes it again.
+    virtual void executed() = 0;
+    /// Room that record() takes in a descriptor arena.
+    virtual void add_to(engine::ArenaSize& size) const = 0;
+  };
+  /// Allocates everything. Throws Error(unsupported) if it does not fit the device.
+  std::unique_ptr<GreyMaps> make_grey_maps() const;
+
   /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/jacobian.comp.
   const engine::Buffer& template_pixels() const;
   const engine::Buffer& template_gradients() const;

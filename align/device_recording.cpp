@@ -156,6 +156,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
 
   recording->arena.reset();
   recording->taken.clear();
+  m.recorded = true;
   engine::Recorder recorder(*m.context, commands, recording->arena);
   const VkDeviceSize image_bytes = 4ull * m.layout.pixel_words;
   m.prepare_dirty(recorder);  // keyframes that set_reference() left for the next submission

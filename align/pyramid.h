@@ -36,4 +36,7 @@ std::vector<Map> rgb_maps(const ImageView& image);
 Pyramid grey_pyramid(const ImageView& image, int levels);
 Map half_size(const Map& map);
 
+/// Finest levels of the grey pyramid that feature alignment works on, whatever the maps that were aligned.
+inline constexpr int kFeatureAlignmentLevels = 2;
+
 }  // namespace iclk

@@ -19,7 +19,7 @@ class CpuFeatureAligner final : public FeatureAligner {
     std::vector<std::vector<AlignedFeature>> results;
     results.reserve(tasks.size());
     for (const FeatureAlignmentTask& task : tasks) {
-      const Pyramid &f0 = maps_->reference_map(task.reference), &f1 = maps_->target_map(task.pair);
+      const Pyramid &f0 = maps_->reference_grey(task.reference), &f1 = maps_->target_grey(task.pair);
       const Camera& camera = maps_->camera(task.reference);
       const Features& features = maps_->features(task.reference);
       const std::vector<FeatureCheck>& checks = maps_->checks(task.reference);
@@ -42,10 +42,10 @@ class CpuFeatureAligner final : public FeatureAligner {
 class CpuAlignerMaps final : public FeatureMaps {
  public:
   explicit CpuAlignerMaps(const CpuAligner& aligner) : aligner_(aligner) {}
-  const Pyramid& reference_map(int slot) const override { return aligner_.reference_map(in_range("slot", slot)); }
-  const Pyramid& target_map(int pair) const override {
+  const Pyramid& reference_grey(int slot) const override { return aligner_.reference_grey(in_range("slot", slot)); }
+  const Pyramid& target_grey(int pair) const override {
     if (pair < 0 || pair >= aligner_.plan().max_pairs) refuse("pair", pair);
-    return aligner_.target_map(pair);
+    return aligner_.target_grey(pair);
   }
   const Camera& camera(int slot) const override { return aligner_.camera(in_range("slot", slot)); }
   const Features& features(int slot) const override { return aligner_.features(in_range("slot", slot)); }

@@ -43,9 +43,10 @@ engine::KernelDescription description() {
       {}};
 }
 
-engine::ArenaSize arena_size(const engine::Kernel& kernel) {
+engine::ArenaSize arena_size(const engine::Kernel& kernel, const DeviceAligner::GreyMaps& grey) {
   engine::ArenaSize size;
   size.add(kernel);
+  grey.add_to(size);
   return size;
 }
 
@@ -81,14 +82,14 @@ class DeviceFeatureAligner final : public FeatureAligner {
                             aligner.context()->limits().maxComputeWorkGroupCount[1])),
         ids_(max_tasks_, max_features_),
         memory_(aligner.context(), ids_.plan),
-        arena_(aligner.context(), arena_size(kernel_)),
+        grey_(aligner.make_grey_maps()),
+        arena_(aligner.context(), arena_size(kernel_, *grey_)),
         submission_(aligner.context()) {}
 
   std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) override {
     std::vector<std::vector<AlignedFeature>> results;
     results.reserve(tasks.size());
-    pieces_.clear();  // a lost device may have left some
-    filled_ = 0;
+    clear();  // a lost device may have left some
     for (const FeatureAlignmentTask& task : tasks) {
       check(task);
       results.emplace_back(aligner_.features(task.reference).uv.size());
@@ -147,13 +148,15 @@ class DeviceFeatureAligner final : public FeatureAligner {
     }
     memory_[ids_.tasks].as<shaders::FeatureTask>()[pieces_.size()] = info;
     pieces_.push_back(piece);
+    slots_.push_back(task.reference);
+    pairs_.push_back(task.pair);
     filled_ += piece.count;
   }
 
   /// Aligns what was added and empties the list.
   void run(std::vector<std::vector<AlignedFeature>>& results) {
     if (pieces_.empty()) return;
-    const DeviceAligner::Maps maps = aligner_.maps();
+    const DeviceAligner::Maps maps = grey_->maps();
     shaders::FeatureAlignmentPush push{};
     push.fine_stride = maps.fine_stride;
     push.map_stride = maps.map_stride;
@@ -168,6 +171,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
         std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
 
     engine::Recorder recorder(*aligner_.context(), submission_.begin(), arena_);
+    grey_->record(recorder, slots_, pairs_);
     recorder.stage("feature_alignment");
     recorder.dispatch(kernel_,
                       {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
@@ -177,11 +181,18 @@ class DeviceFeatureAligner final : public FeatureAligner {
     recorder.finish();
     submission_.end();
     submission_.submit_and_wait();
+    grey_->executed();
 
     const auto* infos = memory_[ids_.aligned].as<const shaders::AlignedInfo>();
     for (const Piece& piece : pieces_)
       for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k] = unpack(*infos++);
+    clear();
+  }
+
+  void clear() {
     pieces_.clear();
+    slots_.clear();
+    pairs_.clear();
     filled_ = 0;
   }
 
@@ -191,10 +202,12 @@ class DeviceFeatureAligner final : public FeatureAligner {
   uint32_t max_features_, max_tasks_;
   Buffers ids_;
   engine::Workspace memory_;
+  std::unique_ptr<DeviceAligner::GreyMaps> grey_;
   engine::DescriptorArena arena_;
   engine::Submission submission_;
-  std::vector<Piece> pieces_;  // waiting in the buffers
-  uint32_t filled_ = 0;        // features of theirs
+  std::vector<Piece> pieces_;       // waiting in the buffers
+  std::vector<int> slots_, pairs_;  // theirs
+  uint32_t filled_ = 0;             // features of theirs
 };
 
 }  // namespace

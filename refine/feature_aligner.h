@@ -18,7 +18,9 @@ struct FeatureAlignmentTask {
   SE3 T_10;
 };
 
-/// Feature alignment over a batch, on the maps that an Aligner holds. One thread at a time, and not while the aligner aligns.
+/// Feature alignment over a batch, on the grey maps of the images that an Aligner holds. With a model too: gain, bias,
+/// correlation and texture are photometric, and the encoder's maps are not. One thread at a time, and not while the aligner
+/// aligns.
 class FeatureAligner {
  public:
   virtual ~FeatureAligner() = default;
@@ -27,17 +29,18 @@ class FeatureAligner {
   /// the aligner does not hold, and for a lost device.
   virtual std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) = 0;
 
-  /// The most pairs of one align() of the aligner whose target maps are all still there afterwards.
+  /// The most pairs of one align() of the aligner whose targets are all still there afterwards.
   virtual int pairs_per_batch() const = 0;
 };
 
-/// Grey maps and features on the host: what the CPU feature aligner reads. Pairs count within the last batch. Every function
-/// throws Error(invalid_argument) for a slot or a pair that is not there.
+/// Grey maps (level 0, and level 1 if there is one; more are not read) and features on the host: what the CPU feature aligner
+/// reads. Pairs count within the last batch. Every function throws Error(invalid_argument) for a slot or a pair that is not
+/// there.
 class FeatureMaps {
  public:
   virtual ~FeatureMaps() = default;
-  virtual const Pyramid& reference_map(int slot) const = 0;
-  virtual const Pyramid& target_map(int pair) const = 0;
+  virtual const Pyramid& reference_grey(int slot) const = 0;
+  virtual const Pyramid& target_grey(int pair) const = 0;
   virtual const Camera& camera(int slot) const = 0;
   virtual const Features& features(int slot) const = 0;
   virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;
@@ -50,12 +53,13 @@ std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<Feature
 std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(const CpuAligner& aligner,
                                                          const FeatureAlignmentOptions& options = {});
 
-/// shaders/feature_alignment.comp on the maps of a DeviceAligner, one submission a call; the same contract, single precision.
-/// `aligner` must outlive it. Memory is allocated here, for the aligner's plan. Throws Error(unsupported) if it does not fit.
+/// shaders/feature_alignment.comp on the grey maps of a DeviceAligner, one submission a call; the same contract, single
+/// precision. `aligner` must outlive it. Memory is allocated here, for the aligner's plan; with a model also that of the grey
+/// maps (DeviceAligner::GreyMaps). Throws Error(unsupported) if it does not fit.
 std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner,
                                                             const FeatureAlignmentOptions& options = {});
 
-/// The feature aligner that works where `aligner` keeps its maps; `aligner` must outlive it.
+/// The feature aligner that works where `aligner` keeps its images; `aligner` must outlive it.
 /// Throws Error(unsupported) for an Aligner that is not one of the library's.
 std::unique_ptr<FeatureAligner> make_feature_aligner(Aligner& aligner, const FeatureAlignmentOptions& options = {});
 

@@ -60,7 +60,8 @@ struct RefinedAlignment {
 
 /// The whole way for pairs: aligner.align(), then rounds of feature alignment and pose, each warping the patches by the better
 /// pose, until the set of aligned features and the pose stand still. References are set on the aligner. In dense mode the
-/// reference carries features besides its inverse depth image: refinement works on them.
+/// reference carries features besides its inverse depth image: refinement works on them. With a learned model the aligner works
+/// on the maps of its encoder, refinement on the images' grey values as ever.
 ///
 /// The status is converged only on evidence: ICLK ended in converged or max_iterations; enough features were found, and a share
 /// of those visible; they agree on one pose; that pose lies within what feature alignment can correct. One thread at a time.

@@ -17,6 +17,7 @@ struct DeviceAligner::Impl {
     std::vector<FeatureCheck> checks;
     double mean_inverse_depth = 0;
     bool enough = false;
+    uint64_t version = 0;  // counts the images that were prepared
   };
 
   Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
@@ -39,6 +40,8 @@ struct DeviceAligner::Impl {
   engine::Submission submission;
   std::unique_ptr<engine::StageTimer> timer;
   std::vector<Slot> slots;
+  uint64_t targets_version = 0;  // counts the batches
+  bool recorded = false;         // record() was called: images change whenever the application executes, and nothing is counted
   internal::TileLists tiles;
   std::vector<engine::StageTime> no_times;
 
@@ -62,6 +65,8 @@ struct DeviceAligner::Impl {
   std::vector<Alignment> align_on_device(std::span<const Pair> pairs);
   std::vector<Alignment> align_on_host(std::span<const Pair> pairs);
   void submit();
+
+  class PixelMaps;
 
  private:
   struct HostRun;

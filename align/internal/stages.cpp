@@ -25,7 +25,7 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   tiles = plan.add("mask tiles", sizeof(shaders::MaskTile) * tiles_n, MemoryKind::upload, storage);
   entries = plan.add("mask tile entries", 4 * entries_n, MemoryKind::upload, storage);
   const uint64_t image_bytes = 4ull * layout.pixel_words;
-  const auto pixels = layout.level0_in_pixels ? texels : storage;
+  const auto pixels = channels(p.format) == 1 ? texels : storage;  // level 0, or with a model the grey map's (GreyMaps)
   const VkFormat pixel_format = p.format == PixelFormat::r8 ? VK_FORMAT_R8_UNORM : VK_FORMAT_R32_SFLOAT;
   pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, pixels, pixel_format);
   pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, pixels, pixel_format);
