@@ -33,25 +33,31 @@ void main() {
   int w = int(push.weights + gl_WorkGroupID.x * push.in_planes * 72u);
   vec4 acc[R][2];
   [[unroll]] for (int r = 0; r < R; ++r) acc[r][0] = acc[r][1] = vec4(0.0);
-  for (uint c = 0u; c < push.in_planes; ++c) {
-    [[unroll]] for (int kx = 0; kx < 3; ++kx) {
+  uint c = 0u;
+  do {
+    int kx = 0;
+    do {
       vec4 v[R + 2];
       [[unroll]] for (int r = 0; r < R + 2; ++r) v[r] = texelFetch(activations, at + kx * dilation + r * step);
+      vec4 lo[3][4], hi[3][4];
       [[unroll]] for (int ky = 0; ky < 3; ++ky) {
         int block_at = w + (kx * 3 + ky) * 8;
         LOAD_WEIGHTS(own, block_at)
         [[unroll]] for (int q = 0; q < 4; ++q) {
-          vec4 lo = WEIGHT(own, block_at, 2 * q), hi = WEIGHT(own, block_at, 2 * q + 1);
-          [[unroll]] for (int r = 0; r < R; ++r) {
-            acc[r][0] += v[r + ky][q] * lo;
-            acc[r][1] += v[r + ky][q] * hi;
-          }
+          lo[ky][q] = WEIGHT(own, block_at, 2 * q);
+          hi[ky][q] = WEIGHT(own, block_at, 2 * q + 1);
         }
       }
-    }
+      [[unroll]] for (int r = 0; r < R; ++r) {
+        [[unroll]] for (int ky = 0; ky < 3; ++ky)
+          [[unroll]] for (int q = 0; q < 4; ++q) acc[r][0] += v[r + ky][q] * lo[ky][q];
+        [[unroll]] for (int ky = 0; ky < 3; ++ky)
+          [[unroll]] for (int q = 0; q < 4; ++q) acc[r][1] += v[r + ky][q] * hi[ky][q];
+      }
+    } while (++kx < 3);
     at += int(push.in_plane);
     w += 72;
-  }
+  } while (++c < push.in_planes);
   if (!live) return;
   int out_at = int(push.out_offset) + image * int(push.out_image) + x;
 #ifdef PATCHES

@@ -54,10 +54,14 @@ void main() {
 #define ROW(i) [i][j]
     TRANSFORM(m, ROW)
   }
-  [[unroll]] for (int i = 0; i < M; ++i) {
-#define COLUMN(j) [i][j]
+  // A loop whose rows move up, not M rows of code: what does not fit a core's instruction cache is slow on lavapipe.
+  int to = int(c * push.strip + t), step = int(push.in_planes * push.strip), i = 0;
+  do {
+#define COLUMN(j) [0][j]
     TRANSFORM(m, COLUMN)
-    [[unroll]] for (int j = 0; j < M; ++j)
-      transformed[(uint(i * M + j) * push.in_planes + c) * push.strip + t] = m[i][j];
-  }
+    [[unroll]] for (int j = 0; j < M; ++j) transformed[to + j * step] = m[0][j];
+    to += M * step;
+    [[unroll]] for (int k = 1; k < M; ++k)
+      [[unroll]] for (int j = 0; j < M; ++j) m[k - 1][j] = m[k][j];
+  } while (++i < M);
 }

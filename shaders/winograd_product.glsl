@@ -27,43 +27,77 @@ vec4 powers(int i) {
 #endif
 }
 
+// Sums over the input channels at the position whose transformed tiles begin at `at` and whose weights at `w`.
+void product(int lanes, inout int at, inout int w, out vec4 acc[T][2]) {
+  [[unroll]] for (int t = 0; t < T; ++t) acc[t][0] = acc[t][1] = vec4(0.0);
+  uint c = 0u;
+  do {
+    vec4 v[2][T], lo[2][4], hi[2][4];
+    [[unroll]] for (int u = 0; u < 2; ++u) {
+      LOAD_WEIGHTS(own, w)
+      [[unroll]] for (int t = 0; t < T; ++t) v[u][t] = texelFetch(transformed, at + t * lanes);
+      [[unroll]] for (int q = 0; q < 4; ++q) {
+        lo[u][q] = WEIGHT(own, w, 2 * q);
+        hi[u][q] = WEIGHT(own, w, 2 * q + 1);
+      }
+      at += int(push.strip);
+      w += 8;
+    }
+    [[unroll]] for (int t = 0; t < T; ++t) {
+      [[unroll]] for (int u = 0; u < 2; ++u)
+        [[unroll]] for (int q = 0; q < 4; ++q) acc[t][0] += v[u][t][q] * lo[u][q];
+      [[unroll]] for (int u = 0; u < 2; ++u)
+        [[unroll]] for (int q = 0; q < 4; ++q) acc[t][1] += v[u][t][q] * hi[u][q];
+    }
+    c += 2u;
+  } while (c < push.in_planes);
+}
+
+// Two positions of a row at points x and -x: even powers share their sum, odd ones their difference.
+void add_pair(float x, vec4 plus[T][2], vec4 minus[T][2], inout vec4 row[N][T][2]) {
+  [[unroll]] for (int t = 0; t < T; ++t)
+    [[unroll]] for (int h = 0; h < 2; ++h) {
+      vec4 even = plus[t][h] + minus[t][h], odd = x * (plus[t][h] - minus[t][h]);
+      row[0][t][h] += even;
+      row[1][t][h] += odd;
+#if N == 4
+      row[2][t][h] += (x * x) * even;
+      row[3][t][h] += (x * x) * odd;
+#endif
+    }
+}
+
 void main() {
   int lanes = int(gl_WorkGroupSize.x);
   int first = int(gl_WorkGroupID.y) * lanes * T + int(gl_LocalInvocationIndex);
-  int strip = int(push.strip), at = first;
+  int at = first;
   int w = int(push.weights + gl_WorkGroupID.x * (M * M) * push.in_planes * 8u);
   vec4 sum[N][N][T][2];
   [[unroll]] for (int a = 0; a < N; ++a)
     [[unroll]] for (int b = 0; b < N; ++b)
       [[unroll]] for (int t = 0; t < T; ++t) sum[a][b][t][0] = sum[a][b][t][1] = vec4(0.0);
-  for (int i = 0; i < M; ++i) {
-    vec4 row[N][T][2];
-    [[unroll]] for (int b = 0; b < N; ++b)
+  int i = 0;
+  do {
+    vec4 row[N][T][2], m[T][2], n[T][2];
+    product(lanes, at, w, row[0]);
+    [[unroll]] for (int b = 1; b < N; ++b)
       [[unroll]] for (int t = 0; t < T; ++t) row[b][t][0] = row[b][t][1] = vec4(0.0);
-    for (int j = 0; j < M; ++j) {
-      vec4 acc[T][2];
-      [[unroll]] for (int t = 0; t < T; ++t) acc[t][0] = acc[t][1] = vec4(0.0);
-      for (uint c = 0u; c < push.in_planes; ++c) {
-        LOAD_WEIGHTS(own, w)
-        vec4 v[T];
-        [[unroll]] for (int t = 0; t < T; ++t) v[t] = texelFetch(transformed, at + t * lanes);
-        [[unroll]] for (int q = 0; q < 4; ++q) {
-          vec4 lo = WEIGHT(own, w, 2 * q), hi = WEIGHT(own, w, 2 * q + 1);
-          [[unroll]] for (int t = 0; t < T; ++t) {
-            acc[t][0] += v[t][q] * lo;
-            acc[t][1] += v[t][q] * hi;
-          }
-        }
-        at += strip;
-        w += 8;
-      }
-      vec4 p = powers(j);
-      [[unroll]] for (int b = 0; b < N; ++b)
-        [[unroll]] for (int t = 0; t < T; ++t) {
-          row[b][t][0] += p[b] * acc[t][0];
-          row[b][t][1] += p[b] * acc[t][1];
-        }
-    }
+    product(lanes, at, w, m);
+    product(lanes, at, w, n);
+#if N == 4
+    add_pair(ICLK_WINOGRAD_A, m, n, row);
+    product(lanes, at, w, m);
+    product(lanes, at, w, n);
+    add_pair(ICLK_WINOGRAD_B, m, n, row);
+    product(lanes, at, w, m);
+    [[unroll]] for (int t = 0; t < T; ++t)
+      [[unroll]] for (int h = 0; h < 2; ++h) row[3][t][h] += m[t][h];
+#else
+    add_pair(1.0, m, n, row);
+    product(lanes, at, w, m);
+    [[unroll]] for (int t = 0; t < T; ++t)
+      [[unroll]] for (int h = 0; h < 2; ++h) row[1][t][h] -= m[t][h];
+#endif
     vec4 p = powers(i);
     [[unroll]] for (int a = 0; a < N; ++a)
       [[unroll]] for (int b = 0; b < N; ++b)
@@ -71,24 +105,35 @@ void main() {
           sum[a][b][t][0] += p[a] * row[b][t][0];
           sum[a][b][t][1] += p[a] * row[b][t][1];
         }
-  }
-  int dilation = int(push.dilation);
-  [[unroll]] for (int t = 0; t < T; ++t) {
+  } while (++i < M);
+  // Push constants that are read where lanes part are read anew, and dearly, by lavapipe: here, before any branch.
+  int dilation = int(push.dilation), width = int(push.width), height = int(push.height), pitch = int(push.out_pitch);
+  int tiles = int(push.tiles), first_tile = int(push.first_tile), out_image = int(push.out_image);
+  int out_plane = int(push.out_plane), out_offset = int(push.out_offset) + int(2u * gl_WorkGroupID.x) * out_plane;
+  uint out_planes = push.out_planes, bias_at = push.bias;
+  int t = 0;
+  do {
     int index = first + t * lanes;
-    bool live = index < int(push.tiles);
-    Tile tile = tile_at(int(push.first_tile) + min(index, int(push.tiles) - 1));
-    int out_at = int(push.out_offset) + tile.image * int(push.out_image);
+    bool live = index < tiles;
+    Tile tile = tile_at(first_tile + min(index, tiles - 1));
+    int out_at = out_offset + tile.image * out_image + tile.y * pitch + tile.x;
     [[unroll]] for (int h = 0; h < 2; ++h) {
       uint plane = 2u * gl_WorkGroupID.x + uint(h);
-      bool exists = live && plane < push.out_planes;
-      vec4 bias = texelFetch(weights, int(push.bias + min(plane, push.out_planes - 1u)));
-      [[unroll]] for (int a = 0; a < N; ++a)
+      bool exists = live && plane < out_planes;
+      vec4 bias = texelFetch(weights, int(bias_at + min(plane, out_planes - 1u)));
+      [[unroll]] for (int a = 0; a < N; ++a) {
+        bool row = exists && tile.y + a * dilation < height;
         [[unroll]] for (int b = 0; b < N; ++b) {
-          int x = tile.x + b * dilation, y = tile.y + a * dilation;
-          vec4 value = elu(sum[a][b][t][h] + bias);
-          if (exists && x < int(push.width) && y < int(push.height))
-            texels[out_at + int(plane * push.out_plane) + y * int(push.out_pitch) + x] = value;
+          vec4 value = elu(sum[a][b][0][h] + bias);
+          int to = out_at + a * dilation * pitch + b * dilation;
+          if (row && tile.x + b * dilation < width) texels[to] = value;
         }
+      }
+      out_at += out_plane;
     }
-  }
+    [[unroll]] for (int a = 0; a < N; ++a)
+      [[unroll]] for (int b = 0; b < N; ++b)
+        [[unroll]] for (int k = 1; k < T; ++k)
+          [[unroll]] for (int h = 0; h < 2; ++h) sum[a][b][k - 1][h] = sum[a][b][k][h];
+  } while (++t < T);
 }
