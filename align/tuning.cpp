@@ -6,7 +6,7 @@
 #include <set>
 #include <sstream>
 
-#include <iclk/align/internal/convolution.h>
+#include <iclk/align/internal/tiling.h>
 #include <iclk/engine/submission.h>
 
 namespace iclk {
@@ -128,10 +128,13 @@ std::string tuning_key(const engine::Context& context) {
 }
 
 std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels) {
+  levels = std::min(levels, model.levels());
+  const internal::Tiling tiling(model, static_cast<uint32_t>(width), static_cast<uint32_t>(height), levels);
   std::set<ConvShape> shapes;
-  for (int l = 0; l < levels && l < model.levels(); ++l)
+  for (int l = 0; l < levels; ++l)
     for (const ConvLayer& layer : model.encoder[static_cast<size_t>(l)])
-      shapes.insert({layer.in, layer.out, layer.dilation, width >> l, height >> l});
+      shapes.insert(
+          {layer.in, layer.out, layer.dilation, static_cast<int>(tiling.width >> l), static_cast<int>(tiling.height >> l)});
   return {shapes.begin(), shapes.end()};
 }
 

@@ -20,7 +20,7 @@ enum class ConvVariant {
 };
 const char* name(ConvVariant variant);
 
-/// A layer of an encoder at the size of its level, pixels.
+/// A layer of an encoder at the size at which it is computed, pixels.
 struct ConvShape {
   int in = 0, out = 0, dilation = 1, width = 0, height = 0;
   auto operator<=>(const ConvShape&) const = default;
@@ -42,7 +42,8 @@ struct Tuning {
 /// Names what measurements depend on: the device's UUID, the driver's version and the shaders. Of letters, digits and dashes.
 std::string tuning_key(const engine::Context& context);
 
-/// Layers that `levels` levels of a model's encoder have at an image size, each once.
+/// Layers that a device computes of `levels` levels of a model's encoder at an image size, each once: those of a tile where
+/// the image is cut. Throws Error(unsupported) for an image that cannot be cut small enough.
 std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels);
 
 /// Adds the layers that `known` lacks, by measuring every variant on the device: seconds on a CPU, and the memory of one layer.

@@ -27,7 +27,7 @@ vec3 colour(uint base, uint pixel) {
 void main() {
   uint u = gl_GlobalInvocationID.x, v = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
   if (u >= push.width) return;
-  vec3 c = colour((push.first_image + image) * push.pixel_stride, v * push.row_pixels + u);
+  vec3 c = colour((push.first_image + image) * push.pixel_stride, push.origin + v * push.row_pixels + u);
   bool grey = FORMAT == ICLK_FORMAT_R8 || FORMAT == ICLK_FORMAT_R32F;
   vec4 x;
   if (CHANNELS == 1u) {
