@@ -8,7 +8,8 @@
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0) uniform samplerBuffer activations;
 layout(set = 0, binding = 1, std430) writeonly buffer Maps { float maps[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Out { vec4 texels[]; };
+#define OUT_BINDING 2
+#include "activations.glsl"
 layout(push_constant) uniform Push { FeatureMapPush push; };
 
 float mean(vec4 s) { return ((s.x + s.y) + (s.z + s.w)) * push.inverse_channels; }
@@ -29,7 +30,7 @@ void main() {
     sum[1] += b;
     sum[2] += d;
     sum[3] += e;
-    if (halves) texels[to] = 0.25 * ((a + b) + (d + e));
+    if (halves) put(to, 0.25 * ((a + b) + (d + e)));
     at += int(push.in_plane);
     to += push.out_plane;
   }

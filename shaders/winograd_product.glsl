@@ -7,7 +7,8 @@
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0) uniform samplerBuffer transformed;
 layout(set = 0, binding = 1) uniform samplerBuffer weights;
-layout(set = 0, binding = 2, std430) writeonly buffer Out { vec4 texels[]; };
+#define OUT_BINDING 2
+#include "activations.glsl"
 layout(push_constant) uniform Push { WinogradPush push; };
 #include "conv_weights.glsl"
 #include "winograd_tile.glsl"
@@ -87,7 +88,7 @@ void main() {
           int x = tile.x + b * dilation, y = tile.y + a * dilation;
           vec4 value = elu(sum[a][b][t][h] + bias);
           if (exists && x < int(push.width) && y < int(push.height))
-            texels[out_at + int(plane * push.out_plane) + y * int(push.out_pitch) + x] = value;
+            put(uint(out_at + int(plane * push.out_plane) + y * int(push.out_pitch) + x), value);
         }
     }
   }

@@ -108,14 +108,16 @@ PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
   return packed;
 }
 
-ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle)
+ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle,
+                         Precision precision)
     : direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
       product_lanes_(product_lanes(context->info().type)) {
   using enum engine::BindingKind;
+  const uint32_t half = precision == Precision::fp16;
   const auto uses = [&](ConvVariant variant) { return std::find(used.begin(), used.end(), variant) != used.end(); };
-  border_ = {context, {"encode", conv_border_comp_spv, {storage_write}, sizeof(shaders::BorderPush), {kBorderLanes}}};
+  border_ = {context, {"encode", conv_border_comp_spv, {storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}}};
   const auto convolution = [&](std::span<const uint32_t> spirv, uint32_t bytes, uint32_t lanes) {
-    return engine::Kernel(context, {"encode", spirv, {texel_read, texel_read, storage_write}, bytes, {lanes}});
+    return engine::Kernel(context, {"encode", spirv, {texel_read, texel_read, storage_write}, bytes, {lanes, half}});
   };
   const auto input = [&](std::span<const uint32_t> spirv) {
     return engine::Kernel(context,

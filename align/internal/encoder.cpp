@@ -11,25 +11,28 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kLanes = 64;
-constexpr uint64_t kTexel = kActivationTexel;
 // Activations of one pass: more images at a time fill a large device, and cost memory.
 constexpr uint64_t kPassBytes = 192ull << 20;
 
 }  // namespace
 
 Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning, uint64_t most_bytes)
+                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning, Precision precision,
+                 uint64_t most_bytes)
     : model_(std::move(model)),
       format_(plan.format),
+      precision_(precision),
       row_pixels_(layout.row_pixels()),
       pixel_words_(layout.pixel_words),
       map_stride_(layout.map_stride),
-      tiling_(*model_, layout.levels[0].width, layout.levels[0].height, static_cast<int>(layout.levels.size()), most_bytes) {
+      tiling_(*model_, layout.levels[0].width, layout.levels[0].height, static_cast<int>(layout.levels.size()), precision,
+              most_bytes) {
   // Activations go to and fro between two buffers. Borders are those of the layer that reads.
   const auto tensors = encoder_tensors(*model_, tiling_.width, tiling_.height, static_cast<int>(layout.levels.size()));
   const auto texels = activation_texels(tensors);
+  const uint64_t texel = texel_bytes(precision_);
   pass_ = static_cast<uint32_t>(std::clamp<uint64_t>(
-      std::min(kPassBytes / kTexel / (texels[0] + texels[1]), kActivationBytes / kTexel / std::max(texels[0], texels[1])), 1,
+      std::min(kPassBytes / texel / (texels[0] + texels[1]), kActivationBytes / texel / std::max(texels[0], texels[1])), 1,
       most_images));
   uint64_t weights = 0, scratch = 1;
   for (size_t l = 0; l < tensors.size(); ++l) {
@@ -43,25 +46,26 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       step.in.images = step.out.images = pass_;
       step.dilation = static_cast<uint32_t>(layer.dilation);
       step.variant = tuning.choose(
-          {layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width), static_cast<int>(step.in.height)});
+          {layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width), static_cast<int>(step.in.height), precision_});
       weights += packed_texels(layer, step.variant);
       scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
       level.steps.push_back(step);
     }
     levels_.push_back(std::move(level));
   }
-  const auto add = [&](const char* name, uint64_t count) {
-    return memory.add(name, kTexel * count, engine::MemoryKind::device, engine::BufferUse::storage | engine::BufferUse::texel,
-                      VK_FORMAT_R32G32B32A32_SFLOAT);
+  const auto add = [&](const char* name, uint64_t count, Precision of) {
+    return memory.add(name, texel_bytes(of) * count, engine::MemoryKind::device,
+                      engine::BufferUse::storage | engine::BufferUse::texel, texel_format(of));
   };
-  activations_[0] = add("activations, even layers", texels[0] * pass_);
-  activations_[1] = add("activations, odd layers", texels[1] * pass_);
-  weights_ = add("encoder weights", weights);
-  scratch_ = add("transformed tiles", scratch);
+  activations_[0] = add("activations, even layers", texels[0] * pass_, precision_);
+  activations_[1] = add("activations, odd layers", texels[1] * pass_, precision_);
+  weights_ = add("encoder weights", weights, Precision::fp32);
+  scratch_ = add("transformed tiles", scratch, Precision::fp32);
 }
 
 void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
   using enum engine::BindingKind;
+  const uint32_t half = precision_ == Precision::fp16;
   std::vector<ConvVariant> used;
   PackedWeights packed;
   for (size_t l = 0; l < levels_.size(); ++l)
@@ -76,11 +80,14 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  normalise_comp_spv,
                  {storage_read, storage_write},
                  sizeof(shaders::NormalisePush),
-                 {kLanes, shader_format(format_), static_cast<uint32_t>(model_->input_channels)}}};
-  feature_map_ = {
-      context,
-      {"encode", feature_map_comp_spv, {texel_read, storage_write, storage_write}, sizeof(shaders::FeatureMapPush), {kLanes}}};
-  convolutions_.emplace(context, used, shuffle);
+                 {kLanes, half, shader_format(format_), static_cast<uint32_t>(model_->input_channels)}}};
+  feature_map_ = {context,
+                  {"encode",
+                   feature_map_comp_spv,
+                   {texel_read, storage_write, storage_write},
+                   sizeof(shaders::FeatureMapPush),
+                   {kLanes, half}}};
+  convolutions_.emplace(context, used, shuffle, precision_);
 }
 
 void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,

@@ -13,7 +13,8 @@ class Encoder {
   /// to `most_images` images at a time. An image whose activations are more than `most_bytes` a buffer goes through in tiles.
   /// Precondition: the model has so many levels. Throws Error(unsupported): see Tiling.
   Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-          uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning = {}, uint64_t most_bytes = kActivationBytes);
+          uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning = {}, Precision precision = Precision::fp32,
+          uint64_t most_bytes = kActivationBytes);
 
   /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle);
@@ -40,6 +41,7 @@ class Encoder {
 
   std::shared_ptr<const Model> model_;
   PixelFormat format_;
+  Precision precision_;
   uint32_t row_pixels_, pixel_words_, map_stride_;
   Tiling tiling_;
   std::vector<Level> levels_;

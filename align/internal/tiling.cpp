@@ -76,12 +76,13 @@ std::array<uint64_t, 2> activation_texels(const std::vector<std::vector<TensorLa
   return texels;
 }
 
-Tiling::Tiling(const Model& model, uint32_t image_width, uint32_t image_height, int levels, uint64_t most_bytes) {
+Tiling::Tiling(const Model& model, uint32_t image_width, uint32_t image_height, int levels, Precision precision,
+               uint64_t most_bytes) {
   const uint32_t grid = 1u << (levels - 1), margin = margin_of(model, levels, grid);
   const Axis across{image_width, grid, margin}, down{image_height, grid, margin};
   const auto bytes = [&](uint32_t w, uint32_t h) {
     const auto texels = activation_texels(encoder_tensors(model, w, h, levels));
-    return kActivationTexel * std::max(texels[0], texels[1]);
+    return texel_bytes(precision) * std::max(texels[0], texels[1]);
   };
   uint64_t fewest = UINT64_MAX;
   uint32_t best_columns = 0, best_rows = 0;
