@@ -10,8 +10,9 @@ namespace iclk::internal {
 class Encoder {
  public:
   /// Arithmetic only: adds its buffers to `memory`. The `layout.levels.size()` finest levels of the model are computed, for up
-  /// to `most_images` images at a time. An image whose activations are more than `most_bytes` a buffer goes through in tiles.
-  /// Precondition: the model has so many levels. Throws Error(unsupported): see Tiling.
+  /// to `most_images` images at a time. An image that needs more than `most_bytes` a buffer for its activations, which have
+  /// that `precision`, goes through in tiles. Precondition: the model has so many levels. Throws Error(unsupported): see
+  /// Tiling.
   Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
           uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning = {}, Precision precision = Precision::fp32,
           uint64_t most_bytes = kActivationBytes);
