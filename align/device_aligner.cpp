@@ -46,7 +46,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
-      network(*context, model, layout, plan, batch, tuning, ids.plan),
+      network(*context, model, layout, plan, options, batch, tuning, ids.plan),
       memory(context, ids.plan),
       run_ids(layout, options, context->unified_memory(), batch),
       run(context, run_ids.plan),
@@ -81,7 +81,7 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
   const internal::WorkgroupSizes sizes(context.info().type, options);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
-  const internal::DeviceNetwork network(context, model, layout, plan, batch, tuning, ids.plan);
+  const internal::DeviceNetwork network(context, model, layout, plan, options, batch, tuning, ids.plan);
   const internal::RunBuffers run_ids(layout, options, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);

@@ -18,6 +18,11 @@ enum class Damping {
   adaptive,  ///< Levenberg-Marquardt: a step that raises the cost is taken back, lambda follows the gain ratio
 };
 
+/// Of the activations that a model's encoder keeps between its layers on a device; sums are always single. fp16 halves their
+/// memory; its maps and poses differ by more than rounding (docs/convolutions.md has bounds), and values beyond 65504 overflow.
+enum class Precision { fp32, fp16 };
+const char* name(Precision precision);
+
 /// Start search: many rotations of camera 1 about the first guess are tried at the coarsest level, so that the basin is no
 /// longer the alignment's alone. `grid` x `grid` pans and tilts, each with the rolls -roll, 0 and roll, are compared by the
 /// correlation of the images there (1); the `screened` best take `iterations` steps (2); of those the `kept` best go through
@@ -51,6 +56,7 @@ struct AlignerOptions {
   /// 0.9, wrong ones and edges of one direction in noise at most 0.06.
   double min_agreement = 0.1;
   StartSearch search;
+  Precision precision = Precision::fp32;  ///< of a device; the CPU reference and the grey pyramid are single always
   double residual_sigma = 0.02;  ///< standard deviation of a residual, in feature units: the photometric weight beside a prior
 
   /// Throws Error(invalid_argument) that names the value and its range.

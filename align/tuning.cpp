@@ -6,13 +6,13 @@
 #include <set>
 #include <sstream>
 
-#include <iclk/align/internal/convolution.h>
+#include <iclk/align/internal/tiling.h>
 #include <iclk/engine/submission.h>
 
 namespace iclk {
 namespace {
 
-constexpr std::string_view kHeader = "iclk-tuning 1";
+constexpr std::string_view kHeader = "iclk-tuning 2";
 constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4};
 
 std::optional<ConvVariant> variant_of(std::string_view word) {
@@ -56,11 +56,12 @@ double measure(const std::shared_ptr<const engine::Context>& context, const inte
   internal::PackedWeights packed;
   step.packed = packed.add(layer, variant);
   engine::MemoryPlan plan;
-  const auto add = [&](const char* what, uint64_t texels) {
-    return plan.add(what, 16 * texels, engine::MemoryKind::device, engine::BufferUse::storage | engine::BufferUse::texel,
-                    VK_FORMAT_R32G32B32A32_SFLOAT);
+  const auto add = [&](const char* what, uint64_t texels, Precision precision = Precision::fp32) {
+    return plan.add(what, internal::texel_bytes(precision) * texels, engine::MemoryKind::device,
+                    engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(precision));
   };
-  const auto x = add("tuning: input", step.in.texels()), y = add("tuning: output", step.out.texels()),
+  const auto x = add("tuning: input", step.in.texels(), shape.precision),
+             y = add("tuning: output", step.out.texels(), shape.precision),
              w = add("tuning: weights", packed.data().size() / 4),
              scratch = add("tuning: tiles", std::max<uint64_t>(1, internal::ConvKernels::scratch_texels(step, *context)));
   const engine::Workspace memory(context, plan);
@@ -71,7 +72,8 @@ double measure(const std::shared_ptr<const engine::Context>& context, const inte
   engine::Submission fill(context), submission(context);
   {
     engine::Recorder recorder(*context, fill.begin(), arena);
-    recorder.fill(memory[x], 0x3f000000u);  // denormals and NaN have times of their own
+    // 0.5: denormals and NaN have times of their own.
+    recorder.fill(memory[x], shape.precision == Precision::fp16 ? 0x38003800u : 0x3f000000u);
     fill.end();
     fill.submit_and_wait();
   }
@@ -97,21 +99,23 @@ std::string Tuning::text(std::string_view key) const {
   std::ostringstream out;
   out << kHeader << "\n" << key << "\n" << variants.size() << "\n";
   for (const auto& [s, variant] : variants)
-    out << s.in << " " << s.out << " " << s.dilation << " " << s.width << " " << s.height << " " << name(variant) << "\n";
+    out << s.in << " " << s.out << " " << s.dilation << " " << s.width << " " << s.height << " " << name(s.precision) << " "
+        << name(variant) << "\n";
   const std::string body = out.str();
   return body + checksum(body) + "\n";
 }
 
 std::optional<Tuning> Tuning::parse(std::string_view text, std::string_view key) {
   std::istringstream in{std::string(text)};
-  std::string line, word;
+  std::string line, precision, word;
   if (!std::getline(in, line) || line != kHeader || !std::getline(in, line) || line != key) return {};
   Tuning tuning;
   size_t count = 0;
   if (!(in >> count)) return {};
   for (size_t i = 0; i < count; ++i) {
     ConvShape s;
-    if (!(in >> s.in >> s.out >> s.dilation >> s.width >> s.height >> word)) return {};
+    if (!(in >> s.in >> s.out >> s.dilation >> s.width >> s.height >> precision >> word)) return {};
+    s.precision = precision == name(Precision::fp16) ? Precision::fp16 : Precision::fp32;  // the checksum knows of any other
     const auto variant = variant_of(word);
     if (!variant) return {};
     tuning.variants[s] = *variant;
@@ -127,11 +131,14 @@ std::string tuning_key(const engine::Context& context) {
   return out.str();
 }
 
-std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels) {
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels, Precision precision) {
+  levels = std::min(levels, model.levels());
+  const internal::Tiling tiling(model, static_cast<uint32_t>(width), static_cast<uint32_t>(height), levels, precision);
   std::set<ConvShape> shapes;
-  for (int l = 0; l < levels && l < model.levels(); ++l)
+  for (int l = 0; l < levels; ++l)
     for (const ConvLayer& layer : model.encoder[static_cast<size_t>(l)])
-      shapes.insert({layer.in, layer.out, layer.dilation, width >> l, height >> l});
+      shapes.insert({layer.in, layer.out, layer.dilation, static_cast<int>(tiling.width >> l),
+                     static_cast<int>(tiling.height >> l), precision});
   return {shapes.begin(), shapes.end()};
 }
 
@@ -141,12 +148,14 @@ Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::ve
   for (const ConvShape& shape : shapes)
     if (!known.variants.contains(shape)) missing.push_back(shape);
   if (missing.empty()) return known;
-  const internal::ConvKernels kernels(context, kVariants, internal::can_shuffle(context->info()));
+  std::map<Precision, internal::ConvKernels> kernels;
+  for (const ConvShape& shape : missing)
+    kernels.try_emplace(shape.precision, context, kVariants, internal::can_shuffle(context->info()), shape.precision);
   for (size_t i = 0; i < missing.size(); ++i) {
     if (progress) progress(static_cast<int>(i), static_cast<int>(missing.size()));
     double best = 1e30;
     for (ConvVariant variant : kVariants) {
-      const double time = measure(context, kernels, missing[i], variant);
+      const double time = measure(context, kernels.at(missing[i].precision), missing[i], variant);
       if (time >= best) continue;
       best = time;
       known.variants[missing[i]] = variant;

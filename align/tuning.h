@@ -20,9 +20,10 @@ enum class ConvVariant {
 };
 const char* name(ConvVariant variant);
 
-/// A layer of an encoder at the size of its level, pixels.
+/// A layer of an encoder at the size at which it is computed, pixels, and the precision of what goes in and out.
 struct ConvShape {
   int in = 0, out = 0, dilation = 1, width = 0, height = 0;
+  Precision precision = Precision::fp32;
   auto operator<=>(const ConvShape&) const = default;
 };
 
@@ -42,8 +43,10 @@ struct Tuning {
 /// Names what measurements depend on: the device's UUID, the driver's version and the shaders. Of letters, digits and dashes.
 std::string tuning_key(const engine::Context& context);
 
-/// Layers that `levels` levels of a model's encoder have at an image size, each once.
-std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels);
+/// Layers that a device computes of `levels` levels of a model's encoder at an image size, each once: those of a tile where
+/// the image is cut. Throws Error(unsupported) for an image that cannot be cut small enough.
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels,
+                                      Precision precision = Precision::fp32);
 
 /// Adds the layers that `known` lacks, by measuring every variant on the device: seconds on a CPU, and the memory of one layer.
 /// `progress`, if given, is called before each layer with its number and how many there are. Throws Error(unsupported),

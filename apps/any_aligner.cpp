@@ -18,10 +18,11 @@ std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<e
     const TuningMode mode = tuning_mode(wish != nullptr ? wish : "");
     // What cannot run is refused before anything is measured for it.
     DeviceAligner::workspace_size(*context, plan, options, solver, model);
+    const auto tell = [&](const auto& line) {
+      if (say) say(line);
+    };
     tuning =
-        cached_tuning(context, *model, plan.width, plan.height, options.levels, mode, cache_folder(), [&](const auto& line) {
-          if (say) say(line);
-        });
+        cached_tuning(context, *model, plan.width, plan.height, options.levels, mode, cache_folder(), tell, options.precision);
   }
   return make_device_aligner(context, plan, options, solver, model, tuning);
 }

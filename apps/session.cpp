@@ -71,6 +71,10 @@ Robust parse_robust(const std::string& name) {
       {{"unit", Robust::unit}, {"huber", Robust::huber}, {"tukey", Robust::tukey}, {"cauchy", Robust::cauchy}});
 }
 
+Precision parse_precision(const std::string& name) {
+  return parse_name<Precision>(name, "precision", {{"fp32", Precision::fp32}, {"fp16", Precision::fp16}});
+}
+
 Damping parse_damping(const std::string& name) {
   return parse_name<Damping>(name, "damping", {{"fixed", Damping::fixed}, {"adaptive", Damping::adaptive}});
 }

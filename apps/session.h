@@ -73,6 +73,7 @@ class Session {
 /// Throws Error(invalid_argument) that lists the names.
 Solver parse_solver(const std::string& name);
 Robust parse_robust(const std::string& name);
+Precision parse_precision(const std::string& name);
 Damping parse_damping(const std::string& name);
 
 }  // namespace iclk

@@ -44,13 +44,13 @@ std::string cache_folder() {
 }
 
 Tuning cached_tuning(const std::shared_ptr<const engine::Context>& context, const Model& model, int width, int height,
-                     int levels, TuningMode mode, const std::string& folder,
-                     const std::function<void(const std::string&)>& say) {
+                     int levels, TuningMode mode, const std::string& folder, const std::function<void(const std::string&)>& say,
+                     Precision precision) {
   if (mode == TuningMode::off) return {};
   const std::string key = tuning_key(*context), path = folder + "/tuning-" + key + ".txt";
   Tuning known;
   if (!folder.empty()) known = read(path, key);
-  const auto shapes = encoder_shapes(model, width, height, levels);
+  const auto shapes = encoder_shapes(model, width, height, levels, precision);
   if (mode == TuningMode::force)
     for (const ConvShape& shape : shapes) known.variants.erase(shape);
   bool measured = false;

@@ -5,7 +5,8 @@
 #extension GL_GOOGLE_include_directive : require
 #include "network.h"
 layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0, std430) writeonly buffer Out { vec4 texels[]; };
+#define OUT_BINDING 0
+#include "activations.glsl"
 layout(push_constant) uniform Push { BorderPush push; };
 
 void main() {
@@ -14,5 +15,5 @@ void main() {
   if (gl_WorkGroupID.y == 0u && id < right - push.width) return;
   uint at = id < right ? (id / push.width) * push.pitch + (push.pitch - push.width) + id % push.width
                        : push.height * push.pitch + (id - right);
-  texels[push.offset + gl_WorkGroupID.y * push.plane + at - push.plane] = vec4(0.0);
+  put(push.offset + gl_WorkGroupID.y * push.plane + at - push.plane, vec4(0.0));
 }

@@ -7,7 +7,8 @@
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0) uniform samplerBuffer activations;
 layout(set = 0, binding = 1) uniform samplerBuffer weights;
-layout(set = 0, binding = 2, std430) writeonly buffer Out { vec4 texels[]; };
+#define OUT_BINDING 2
+#include "activations.glsl"
 #ifdef PATCHES
 layout(set = 0, binding = 3, std430) readonly buffer Corners { ivec2 corners[]; };
 #endif
@@ -74,7 +75,7 @@ void main() {
 #ifdef PATCHES
       if (!column || first.y + v < 0 || first.y + v >= int(push.level_height)) value = vec4(0.0);
 #endif
-      if (v < height) texels[out_at + int(plane * push.out_plane) + v * int(push.out_pitch)] = value;
+      if (v < height) put(uint(out_at + int(plane * push.out_plane) + v * int(push.out_pitch)), value);
     }
   }
 }

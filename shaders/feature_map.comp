@@ -3,11 +3,13 @@
 // channel, sizes floored. An invocation makes a 2x2 block.
 // Groups: (ceil(ceil(width / 2) / local size), ceil(height / 2), images).
 #extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
 #include "network.h"
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0) uniform samplerBuffer activations;
 layout(set = 0, binding = 1, std430) writeonly buffer Maps { float maps[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Out { vec4 texels[]; };
+#define OUT_BINDING 2
+#include "activations.glsl"
 layout(push_constant) uniform Push { FeatureMapPush push; };
 
 float mean(vec4 s) { return ((s.x + s.y) + (s.z + s.w)) * push.inverse_channels; }
@@ -28,13 +30,14 @@ void main() {
     sum[1] += b;
     sum[2] += d;
     sum[3] += e;
-    if (halves) texels[to] = 0.25 * ((a + b) + (d + e));
+    if (halves) put(to, 0.25 * ((a + b) + (d + e)));
     at += int(push.in_plane);
     to += push.out_plane;
   }
   uint map = (push.first_image + image) * push.map_stride + push.map_offset + 2u * y * push.map_pitch + 2u * x;
-  maps[map] = mean(sum[0]);
-  if (right) maps[map + 1u] = mean(sum[1]);
-  if (below) maps[map + push.map_pitch] = mean(sum[2]);
-  if (right && below) maps[map + push.map_pitch + 1u] = mean(sum[3]);
+  [[unroll]] for (uint k = 0u; k < 4u; ++k) {
+    uint u = 2u * x + k % 2u, v = 2u * y + k / 2u;
+    if (u >= push.first_u && u < push.end_u && v >= push.first_v && v < push.end_v)
+      maps[map + (k / 2u) * push.map_pitch + k % 2u] = mean(sum[k]);
+  }
 }

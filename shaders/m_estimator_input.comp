@@ -1,6 +1,7 @@
 #version 460
 // Input of the convolutional M-estimator: (|r|, f0, warped f1, weight of the coarser level) of every visible mask pixel, at its
-// place in an image of the level that was zeroed before. Leaves the residuals as well, 3e38 where invisible.
+// place in an image of the level that was zeroed before, in two halves, so that a buffer holds twice as many pixels. Leaves
+// the residuals as well, 3e38 where invisible.
 // Groups: (ceil(element_count / local size), pairs of the pass, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -14,7 +15,8 @@ layout(set = 0, binding = 4) uniform samplerBuffer maps1;
 layout(set = 0, binding = 5, std430) readonly buffer States { PairState states[]; };
 layout(set = 0, binding = 6, std430) readonly buffer Prior { float prior[]; };
 layout(set = 0, binding = 7, std430) writeonly buffer Residuals { float residuals[]; };
-layout(set = 0, binding = 8, std430) writeonly buffer Inputs { vec4 inputs[]; };
+layout(set = 0, binding = 8, std430) writeonly buffer InputsA { vec2 residual_f0[]; };
+layout(set = 0, binding = 9, std430) writeonly buffer InputsB { vec2 f1_prior[]; };
 layout(push_constant) uniform Push { MEstimatorPush push; };
 #include "se3.glsl"
 #include "level.glsl"
@@ -51,6 +53,7 @@ void main() {
   float r = f1 - (view.gain * a.w + view.bias);
   residuals[pair * push.weight_stride + k] = visible ? r : 3e38;
   if (!visible) return;
-  inputs[gl_WorkGroupID.y * push.inputs_stride + uint(a.y) * info.width + uint(a.x)] =
-      vec4(abs(r), a.w, f1, coarser_weight(pair, info, a.xy));
+  uint at = gl_WorkGroupID.y * push.inputs_stride + uint(a.y) * info.width + uint(a.x);
+  residual_f0[at] = vec2(abs(r), a.w);
+  f1_prior[at] = vec2(f1, coarser_weight(pair, info, a.xy));
 }

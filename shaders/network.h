@@ -24,6 +24,7 @@ using uint = uint32_t;
 
 struct NormalisePush {
   uint width, height;
+  uint origin;        // first pixel: the image, or a tile of it, begins there
   uint row_pixels;    // of the raw pixels
   uint pixel_stride;  // 32-bit words from an image to the next
   uint first_image;   // in the pixels
@@ -67,6 +68,7 @@ struct FeatureMapPush {
   uint in_offset, in_pitch, in_plane, in_image, in_planes;
   uint out_offset, out_pitch, out_plane, out_image;
   uint map_offset, map_pitch, map_stride, first_image;
+  uint first_u, first_v, end_u, end_v;  // which pixels give the maps; they are of a tile, whose first pixel is at map_offset
   float inverse_channels;
   uint halves;  // 0: there is no next level
 };

@@ -5,10 +5,11 @@
 #include "shared.h"
 #include "network.h"
 layout(local_size_x_id = 0) in;
-layout(constant_id = 1) const uint FORMAT = ICLK_FORMAT_RGBA8;
-layout(constant_id = 2) const uint CHANNELS = 3;
+layout(constant_id = 2) const uint FORMAT = ICLK_FORMAT_RGBA8;
+layout(constant_id = 3) const uint CHANNELS = 3;
 layout(set = 0, binding = 0, std430) readonly buffer Pixels { uint pixels[]; };
-layout(set = 0, binding = 1, std430) writeonly buffer Out { vec4 texels[]; };
+#define OUT_BINDING 1
+#include "activations.glsl"
 layout(push_constant) uniform Push { NormalisePush push; };
 
 const vec3 LUMA = vec3(0.299, 0.587, 0.114);
@@ -27,7 +28,7 @@ vec3 colour(uint base, uint pixel) {
 void main() {
   uint u = gl_GlobalInvocationID.x, v = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
   if (u >= push.width) return;
-  vec3 c = colour((push.first_image + image) * push.pixel_stride, v * push.row_pixels + u);
+  vec3 c = colour((push.first_image + image) * push.pixel_stride, push.origin + v * push.row_pixels + u);
   bool grey = FORMAT == ICLK_FORMAT_R8 || FORMAT == ICLK_FORMAT_R32F;
   vec4 x;
   if (CHANNELS == 1u) {
@@ -37,5 +38,5 @@ void main() {
     x = vec4((c.x - push.mean[0]) * push.inverse_std[0], (c.y - push.mean[1]) * push.inverse_std[1],
              (c.z - push.mean[2]) * push.inverse_std[2], 0.0);
   }
-  texels[push.out_offset + image * push.out_image + v * push.out_pitch + u] = x;
+  put(push.out_offset + image * push.out_image + v * push.out_pitch + u, x);
 }

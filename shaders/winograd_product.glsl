@@ -7,7 +7,8 @@
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0) uniform samplerBuffer transformed;
 layout(set = 0, binding = 1) uniform samplerBuffer weights;
-layout(set = 0, binding = 2, std430) writeonly buffer Out { vec4 texels[]; };
+#define OUT_BINDING 2
+#include "activations.glsl"
 layout(push_constant) uniform Push { WinogradPush push; };
 #include "conv_weights.glsl"
 #include "winograd_tile.glsl"
@@ -27,7 +28,9 @@ vec4 powers(int i) {
 #endif
 }
 
-// Sums over the input channels at the position whose transformed tiles begin at `at` and whose weights at `w`.
+// Sums over the input channels at the position whose transformed tiles begin at `at` and whose weights at `w`; moves both to
+// the next. Two planes at a time, so that a sum stays in its register for eight products: of an odd number of planes the last
+// one comes twice, and the weights of the second time are zero.
 void product(int lanes, inout int at, inout int w, out vec4 acc[T][2]) {
   [[unroll]] for (int t = 0; t < T; ++t) acc[t][0] = acc[t][1] = vec4(0.0);
   uint c = 0u;
@@ -40,7 +43,8 @@ void product(int lanes, inout int at, inout int w, out vec4 acc[T][2]) {
         lo[u][q] = WEIGHT(own, w, 2 * q);
         hi[u][q] = WEIGHT(own, w, 2 * q + 1);
       }
-      at += int(push.strip);
+      c += 1u;
+      if (c < push.in_planes) at += int(push.strip);
       w += 8;
     }
     [[unroll]] for (int t = 0; t < T; ++t) {
@@ -49,8 +53,8 @@ void product(int lanes, inout int at, inout int w, out vec4 acc[T][2]) {
       [[unroll]] for (int u = 0; u < 2; ++u)
         [[unroll]] for (int q = 0; q < 4; ++q) acc[t][1] += v[u][t][q] * hi[u][q];
     }
-    c += 2u;
   } while (c < push.in_planes);
+  at += int(push.strip);
 }
 
 // Two positions of a row at points x and -x: even powers share their sum, odd ones their difference.
@@ -71,7 +75,7 @@ void main() {
   int lanes = int(gl_WorkGroupSize.x);
   int first = int(gl_WorkGroupID.y) * lanes * T + int(gl_LocalInvocationIndex);
   int at = first;
-  int w = int(push.weights + gl_WorkGroupID.x * (M * M) * push.in_planes * 8u);
+  int w = int(push.weights + gl_WorkGroupID.x * (M * M) * ((push.in_planes + 1u) / 2u) * 16u);
   vec4 sum[N][N][T][2];
   [[unroll]] for (int a = 0; a < N; ++a)
     [[unroll]] for (int b = 0; b < N; ++b)
@@ -126,7 +130,7 @@ void main() {
         [[unroll]] for (int b = 0; b < N; ++b) {
           vec4 value = elu(sum[a][b][0][h] + bias);
           int to = out_at + a * dilation * pitch + b * dilation;
-          if (row && tile.x + b * dilation < width) texels[to] = value;
+          if (row && tile.x + b * dilation < width) put(uint(to), value);
         }
       }
       out_at += out_plane;

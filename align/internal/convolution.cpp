@@ -30,7 +30,11 @@ uint32_t positions(ConvVariant variant) {
   return variant == ConvVariant::direct ? 9 : m * m;
 }
 uint32_t blocks(const ConvLayer& layer) { return engine::groups_for(static_cast<uint32_t>(layer.out), kBlock); }
-uint32_t planes(int channels) { return (static_cast<uint32_t>(channels) + 3) / 4; }
+// Input planes for which there are weights: the products of Winograd take two at a time (shaders/winograd_product.glsl).
+uint32_t weight_planes(const ConvLayer& layer, ConvVariant variant) {
+  const uint32_t planes = (static_cast<uint32_t>(layer.in) + 3) / 4;
+  return variant == ConvVariant::direct ? planes : (planes + 1) / 2 * 2;
+}
 
 // G of Lavin and Gray, "Fast algorithms for convolutional neural networks".
 constexpr double kG2[4][3] = {{1, 0, 0}, {0.5, 0.5, 0.5}, {0.5, -0.5, 0.5}, {0, 0, 1}};
@@ -81,12 +85,13 @@ uint64_t TensorLayout::texels() const {
 }
 
 uint64_t packed_texels(const ConvLayer& layer, ConvVariant variant) {
-  return static_cast<uint64_t>(blocks(layer)) * (static_cast<uint64_t>(positions(variant)) * planes(layer.in) * kBlock + 2);
+  return static_cast<uint64_t>(blocks(layer)) *
+         (static_cast<uint64_t>(positions(variant)) * weight_planes(layer, variant) * kBlock + 2);
 }
 
 PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
   const size_t in = static_cast<size_t>(layer.in), out = static_cast<size_t>(layer.out), n = positions(variant),
-               in_planes = planes(layer.in);
+               in_planes = weight_planes(layer, variant);
   const size_t first = data_.size();
   data_.resize(first + 4 * packed_texels(layer, variant), 0.0f);
   float* to = data_.data() + first;
@@ -108,14 +113,16 @@ PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
   return packed;
 }
 
-ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle)
+ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle,
+                         Precision precision)
     : direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
       product_lanes_(product_lanes(context->info().type)) {
   using enum engine::BindingKind;
+  const uint32_t half = precision == Precision::fp16;
   const auto uses = [&](ConvVariant variant) { return std::find(used.begin(), used.end(), variant) != used.end(); };
-  border_ = {context, {"encode", conv_border_comp_spv, {storage_write}, sizeof(shaders::BorderPush), {kBorderLanes}}};
+  border_ = {context, {"encode", conv_border_comp_spv, {storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}}};
   const auto convolution = [&](std::span<const uint32_t> spirv, uint32_t bytes, uint32_t lanes) {
-    return engine::Kernel(context, {"encode", spirv, {texel_read, texel_read, storage_write}, bytes, {lanes}});
+    return engine::Kernel(context, {"encode", spirv, {texel_read, texel_read, storage_write}, bytes, {lanes, half}});
   };
   const auto input = [&](std::span<const uint32_t> spirv) {
     return engine::Kernel(context,

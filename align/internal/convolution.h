@@ -10,6 +10,12 @@
 
 namespace iclk::internal {
 
+/// Of a texel of activations: four channels.
+constexpr uint64_t texel_bytes(Precision precision) { return precision == Precision::fp16 ? 8 : 16; }
+constexpr VkFormat texel_format(Precision precision) {
+  return precision == Precision::fp16 ? VK_FORMAT_R16G16B16A16_SFLOAT : VK_FORMAT_R32G32B32A32_SFLOAT;
+}
+
 /// Where the activations of `images` images lie in a texel buffer: NC4HW4, planes with a border of zeros. All in texels.
 struct TensorLayout {
   uint32_t width = 0, height = 0, channels = 0, images = 1, border = 0;
@@ -53,8 +59,9 @@ struct ConvStep {
 /// The device's kernels for convolutions of whole maps.
 class ConvKernels {
  public:
-  /// `shuffle`: see can_shuffle().
-  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle);
+  /// `shuffle`: see can_shuffle(). `precision`: of the activations; weights and transformed tiles are single.
+  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle,
+              Precision precision);
 
   /// Scratch texels that a step asks for on a device; 0: none. More than one strip of tiles where they are fewer than a
   /// CPU's caches hold, or fill a large device.

@@ -14,7 +14,7 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kLanes = 64;
-constexpr uint64_t kTexel = 16;
+constexpr uint64_t kTexel = 16, kInputTexel = 8;
 // Of the pairs that are in work at a time, and of the patches.
 constexpr uint64_t kInputBytes = 64ull << 20, kPatchBytes = 64ull << 20;
 
@@ -58,8 +58,8 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
   const VkPhysicalDeviceLimits& limits = context.limits();
   const uint64_t range = std::min<uint64_t>(limits.maxStorageBufferRange / kTexel, limits.maxTexelBufferElements);
   const uint64_t pixels = static_cast<uint64_t>(levels_[0].width) * levels_[0].height;
-  pairs_per_pass_ = static_cast<uint32_t>(
-      std::clamp<uint64_t>(std::min(range, kInputBytes / kTexel) / pixels, 1, static_cast<uint64_t>(batch)));
+  pairs_per_pass_ =
+      static_cast<uint32_t>(std::clamp<uint64_t>(kInputBytes / (2 * kInputTexel) / pixels, 1, static_cast<uint64_t>(batch)));
   const uint64_t patches = static_cast<uint64_t>(pairs_per_pass_) * patches_per_pair(0, max_features_),
                  both = texels[0] + texels[1];
   const uint64_t fit = std::min(kPatchBytes / kTexel / both, (range - beyond) / std::max(texels[0], texels[1]));
@@ -76,7 +76,10 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
   };
   residuals_ = memory.add("M-estimator residuals", 4ull * weight_stride_ * static_cast<uint64_t>(batch), MemoryKind::device,
                           BufferUse::storage);
-  inputs_ = add("M-estimator input", pixels * pairs_per_pass_);
+  // Two halves of a pixel's input: a buffer of a device with small buffers holds twice as many pixels.
+  for (engine::BufferId& input : inputs_)
+    input = memory.add("M-estimator input", kInputTexel * pixels * pairs_per_pass_, MemoryKind::device,
+                       BufferUse::storage | BufferUse::texel, VK_FORMAT_R32G32_SFLOAT);
   prior_ = memory.add("M-estimator weight maps",
                       4 * std::max<uint64_t>(1, static_cast<uint64_t>(prior_stride_) * static_cast<uint64_t>(batch)),
                       MemoryKind::device, BufferUse::storage);
@@ -104,13 +107,13 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
             {"m_estimator",
              m_estimator_input_comp_spv,
              {storage_read, storage_read, storage_read, texel_read, texel_read, storage_read, storage_read, storage_write,
-              storage_write},
+              storage_write, storage_write},
              bytes,
              {kLanes}}};
   patch_ = {context,
             {"m_estimator",
              m_estimator_patch_comp_spv,
-             {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write},
+             {storage_read, storage_read, storage_read, texel_read, texel_read, storage_write, storage_write},
              bytes,
              {kLanes}}};
   convolution_ = {
@@ -150,10 +153,10 @@ void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& mem
   for (uint32_t first = 0; first < pairs; first += pairs_per_pass_) {
     const uint32_t count = std::min(pairs_per_pass_, pairs - first);
     push.first_pair = first;
-    recorder.fill(memory[inputs_], 0, 0, kTexel * push.inputs_stride * count);
+    for (const engine::BufferId input : inputs_) recorder.fill(memory[input], 0, 0, kInputTexel * push.inputs_stride * count);
     recorder.dispatch(input_,
                       {buffers.levels, buffers.references, buffers.pairs, buffers.template_a, buffers.maps1, buffers.states,
-                       &memory[prior_], &memory[residuals_], &memory[inputs_]},
+                       &memory[prior_], &memory[residuals_], &memory[inputs_[0]], &memory[inputs_[1]]},
                       push, {engine::groups_for(info.element_count, kLanes), count, 1});
     const uint32_t patches = push.patches_per_pair * count;
     for (push.first_patch = 0; push.first_patch < patches; push.first_patch += patches_per_chunk_) {
@@ -166,9 +169,10 @@ void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& mem
 void MEstimator::record_patches(engine::Recorder& recorder, const engine::Workspace& memory,
                                 const shaders::MEstimatorPush& push, const Buffers& buffers) const {
   uint32_t side = ICLK_PATCH + 2 * margin_;
-  recorder.dispatch(
-      patch_, {buffers.levels, buffers.pairs, buffers.features, &memory[inputs_], &memory[corners_], &memory[activations_[0]]},
-      push, spread(engine::groups_for(side * side, kLanes), push.patches, 1));
+  recorder.dispatch(patch_,
+                    {buffers.levels, buffers.pairs, buffers.features, &memory[inputs_[0]], &memory[inputs_[1]],
+                     &memory[corners_], &memory[activations_[0]]},
+                    push, spread(engine::groups_for(side * side, kLanes), push.patches, 1));
   for (size_t i = 0; i < layers_.size(); ++i) {
     const Layer& layer = layers_[i];
     shaders::ConvPush conv{};

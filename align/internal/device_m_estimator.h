@@ -43,7 +43,7 @@ class MEstimator {
   uint32_t max_features_, element_stride_, map_stride_, weight_stride_, prior_origin_ = 0, prior_stride_ = 0, lanes_;
   uint32_t margin_ = 0, pairs_per_pass_ = 1, patches_per_chunk_ = 1;
   std::vector<Layer> layers_;
-  engine::BufferId inputs_, residuals_, prior_, corners_, weights_, activations_[2];
+  engine::BufferId inputs_[2], residuals_, prior_, corners_, weights_, activations_[2];
   engine::Kernel input_, patch_, convolution_, weight_;
 };
 

@@ -11,73 +11,61 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kLanes = 64;
-constexpr uint64_t kTexel = 16;
 // Activations of one pass: more images at a time fill a large device, and cost memory.
 constexpr uint64_t kPassBytes = 192ull << 20;
 
 }  // namespace
 
 Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning)
+                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning, Precision precision,
+                 uint64_t most_bytes)
     : model_(std::move(model)),
       format_(plan.format),
+      precision_(precision),
       row_pixels_(layout.row_pixels()),
       pixel_words_(layout.pixel_words),
-      map_stride_(layout.map_stride) {
-  // Activations go to and fro between two buffers; `place` counts them. Borders are those of the layer that reads.
-  uint64_t texels[2] = {0, 0}, weights = 0;
-  TensorLayout now{layout.levels[0].width, layout.levels[0].height, static_cast<uint32_t>(model_->input_channels)};
-  size_t place = 0;
-  const auto take = [&](TensorLayout& tensor) {
-    texels[place % 2] = std::max(texels[place % 2], tensor.texels());
-    ++place;
-  };
-  for (size_t l = 0; l < layout.levels.size(); ++l) {
+      map_stride_(layout.map_stride),
+      tiling_(*model_, layout.levels[0].width, layout.levels[0].height, static_cast<int>(layout.levels.size()), precision,
+              most_bytes) {
+  // Activations go to and fro between two buffers. Borders are those of the layer that reads.
+  const auto tensors = encoder_tensors(*model_, tiling_.width, tiling_.height, static_cast<int>(layout.levels.size()));
+  const auto texels = activation_texels(tensors);
+  const uint64_t texel = texel_bytes(precision_);
+  pass_ = static_cast<uint32_t>(std::clamp<uint64_t>(
+      std::min(kPassBytes / texel / (texels[0] + texels[1]), kActivationBytes / texel / std::max(texels[0], texels[1])), 1,
+      most_images));
+  uint64_t weights = 0, scratch = 1;
+  for (size_t l = 0; l < tensors.size(); ++l) {
     Level level;
     level.info = layout.levels[l];
-    now.width = level.info.width;
-    now.height = level.info.height;
-    now.border = 1;
-    for (const ConvLayer& layer : model_->encoder[l]) now.border = std::max(now.border, static_cast<uint32_t>(layer.dilation));
-    if (l == 0) input_ = now;
-    take(now);
-    for (const ConvLayer& layer : model_->encoder[l]) {
+    for (size_t i = 0; i < model_->encoder[l].size(); ++i) {
+      const ConvLayer& layer = model_->encoder[l][i];
       ConvStep step;
-      step.in = now;
-      now.channels = static_cast<uint32_t>(layer.out);
-      step.out = now;
+      step.in = tensors[l][i];
+      step.out = tensors[l][i + 1];
+      step.in.images = step.out.images = pass_;
       step.dilation = static_cast<uint32_t>(layer.dilation);
-      step.variant =
-          tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(now.width), static_cast<int>(now.height)});
+      step.variant = tuning.choose(
+          {layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width), static_cast<int>(step.in.height), precision_});
       weights += packed_texels(layer, step.variant);
+      scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
       level.steps.push_back(step);
-      take(now);
     }
     levels_.push_back(std::move(level));
   }
-  const VkPhysicalDeviceLimits& limits = context.limits();
-  const uint64_t range = std::min<uint64_t>(limits.maxStorageBufferRange / kTexel, limits.maxTexelBufferElements);
-  const uint64_t largest = std::max(texels[0], texels[1]);
-  pass_ = static_cast<uint32_t>(
-      std::clamp<uint64_t>(std::min(kPassBytes / kTexel / (texels[0] + texels[1]), range / largest), 1, most_images));
-  uint64_t scratch = 1;
-  for (Level& level : levels_)
-    for (ConvStep& step : level.steps) {
-      step.in.images = step.out.images = pass_;
-      scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
-    }
-  const auto add = [&](const char* name, uint64_t count) {
-    return memory.add(name, kTexel * count, engine::MemoryKind::device, engine::BufferUse::storage | engine::BufferUse::texel,
-                      VK_FORMAT_R32G32B32A32_SFLOAT);
+  const auto add = [&](const char* name, uint64_t count, Precision of) {
+    return memory.add(name, texel_bytes(of) * count, engine::MemoryKind::device,
+                      engine::BufferUse::storage | engine::BufferUse::texel, texel_format(of));
   };
-  activations_[0] = add("activations, even layers", texels[0] * pass_);
-  activations_[1] = add("activations, odd layers", texels[1] * pass_);
-  weights_ = add("encoder weights", weights);
-  scratch_ = add("transformed tiles", scratch);
+  activations_[0] = add("activations, even layers", texels[0] * pass_, precision_);
+  activations_[1] = add("activations, odd layers", texels[1] * pass_, precision_);
+  weights_ = add("encoder weights", weights, Precision::fp32);
+  scratch_ = add("transformed tiles", scratch, Precision::fp32);
 }
 
 void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
   using enum engine::BindingKind;
+  const uint32_t half = precision_ == Precision::fp16;
   std::vector<ConvVariant> used;
   PackedWeights packed;
   for (size_t l = 0; l < levels_.size(); ++l)
@@ -92,30 +80,37 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  normalise_comp_spv,
                  {storage_read, storage_write},
                  sizeof(shaders::NormalisePush),
-                 {kLanes, shader_format(format_), static_cast<uint32_t>(model_->input_channels)}}};
-  feature_map_ = {
-      context,
-      {"encode", feature_map_comp_spv, {texel_read, storage_write, storage_write}, sizeof(shaders::FeatureMapPush), {kLanes}}};
-  convolutions_.emplace(context, used, shuffle);
+                 {kLanes, half, shader_format(format_), static_cast<uint32_t>(model_->input_channels)}}};
+  feature_map_ = {context,
+                  {"encode",
+                   feature_map_comp_spv,
+                   {texel_read, storage_write, storage_write},
+                   sizeof(shaders::FeatureMapPush),
+                   {kLanes, half}}};
+  convolutions_.emplace(context, used, shuffle, precision_);
 }
 
 void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
                      const engine::Buffer& maps, uint32_t first, uint32_t count) const {
   recorder.stage("encode");
   for (uint32_t done = 0; done < count; done += pass_)
-    record_pass(recorder, memory, pixels, maps, first + done, std::min(pass_, count - done));
+    for (const Tiling::Span& row : tiling_.rows)
+      for (const Tiling::Span& column : tiling_.columns)
+        record_pass(recorder, memory, pixels, maps, column, row, first + done, std::min(pass_, count - done));
 }
 
 void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
-                          const engine::Buffer& maps, uint32_t first, uint32_t count) const {
+                          const engine::Buffer& maps, const Tiling::Span& column, const Tiling::Span& row, uint32_t first,
+                          uint32_t count) const {
   size_t place = 0;
   const auto buffer = [&](size_t at) -> const engine::Buffer& { return memory[activations_[at % 2]]; };
-  TensorLayout input = input_;
+  TensorLayout input = levels_[0].steps.front().in;
   input.images = count;
   shaders::NormalisePush n{};
   n.width = input.width;
   n.height = input.height;
   n.row_pixels = row_pixels_;
+  n.origin = row.origin * row_pixels_ + column.origin;
   n.pixel_stride = pixel_words_;
   n.first_image = first;
   n.out_offset = input.offset();
@@ -135,6 +130,7 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
       ++place;
     }
     const TensorLayout& in = level.steps.back().out;
+    const auto at_level = [&](uint32_t pixels0) { return pixels0 >> l; };
     shaders::FeatureMapPush p{};
     p.width = in.width;
     p.height = in.height;
@@ -143,10 +139,14 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
     p.in_plane = in.plane();
     p.in_image = in.image();
     p.in_planes = in.planes();
-    p.map_offset = level.info.map_offset;
+    p.map_offset = level.info.map_offset + at_level(row.origin) * level.info.pitch + at_level(column.origin);
     p.map_pitch = level.info.pitch;
     p.map_stride = map_stride_;
     p.first_image = first;
+    p.first_u = at_level(column.begin) - at_level(column.origin);
+    p.first_v = at_level(row.begin) - at_level(row.origin);
+    p.end_u = at_level(column.end) - at_level(column.origin);
+    p.end_v = at_level(row.end) - at_level(row.origin);
     p.inverse_channels = 1.0f / static_cast<float>(in.channels);
     if (l + 1 < levels_.size()) {
       TensorLayout next = levels_[l + 1].steps.front().in;

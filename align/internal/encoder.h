@@ -1,7 +1,7 @@
 #pragma once
 #include <memory>
 
-#include <iclk/align/internal/convolution.h>
+#include <iclk/align/internal/tiling.h>
 
 namespace iclk::internal {
 
@@ -10,9 +10,12 @@ namespace iclk::internal {
 class Encoder {
  public:
   /// Arithmetic only: adds its buffers to `memory`. The `layout.levels.size()` finest levels of the model are computed, for up
-  /// to `most_images` images at a time. Precondition: the model has so many levels.
+  /// to `most_images` images at a time. An image that needs more than `most_bytes` a buffer for its activations, which have
+  /// that `precision`, goes through in tiles. Precondition: the model has so many levels. Throws Error(unsupported): see
+  /// Tiling.
   Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-          uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning = {});
+          uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning = {}, Precision precision = Precision::fp32,
+          uint64_t most_bytes = kActivationBytes);
 
   /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle);
@@ -25,19 +28,23 @@ class Encoder {
   void add_to(engine::ArenaSize& size, uint32_t sources) const;
 
   uint32_t images_per_pass() const { return pass_; }
+  const Tiling& tiling() const { return tiling_; }
 
  private:
   struct Level {
-    std::vector<ConvStep> steps;
-    shaders::LevelInfo info;
+    std::vector<ConvStep> steps;  // of a tile
+    shaders::LevelInfo info;      // of the image
   };
+  /// One tile of some images.
   void record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
-                   const engine::Buffer& maps, uint32_t first, uint32_t count) const;
+                   const engine::Buffer& maps, const Tiling::Span& column, const Tiling::Span& row, uint32_t first,
+                   uint32_t count) const;
 
   std::shared_ptr<const Model> model_;
   PixelFormat format_;
+  Precision precision_;
   uint32_t row_pixels_, pixel_words_, map_stride_;
-  TensorLayout input_;
+  Tiling tiling_;
   std::vector<Level> levels_;
   uint32_t pass_ = 1;
   engine::BufferId activations_[2], weights_, scratch_;

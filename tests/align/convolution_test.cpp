@@ -89,7 +89,7 @@ TEST_P(Convolution, IsThePlainOne) {
           memory[in].as<float>()[at(step.in, n, c, v, u)] =
               c < step.in.channels ? x[n * image + (c * shape.height + v) * shape.width + u] : 0.0f;
 
-  const ConvKernels kernels(context, std::span(&way.variant, 1), way.shuffle);
+  const ConvKernels kernels(context, std::span(&way.variant, 1), way.shuffle, Precision::fp32);
   engine::ArenaSize size;
   kernels.add_to(size);
   engine::DescriptorArena arena(context, size);

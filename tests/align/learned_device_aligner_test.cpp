@@ -1,4 +1,5 @@
 // Aligners with a model: batches, keyframes, recordings, levels, dense mode, devices without subgroups.
+#include <iclk/align/internal/tiling.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 
@@ -214,6 +215,32 @@ TEST(LearnedMemory, APaperPairNeedsAtMost400Megabytes) {
   const auto bytes =
       DeviceAligner::workspace_size(*device(), plan_for({1, 1, 0, 0, 752, 480}), model->options(), Solver::device, model);
   EXPECT_LE(bytes.total(), 400'000'000u);
+}
+
+TEST(LearnedLarge, AnImageThatNoBufferHoldsIsAlignedAsOnTheCpu) {
+  ICLK_NEED_DEVICE();
+  Relief scene;
+  scene.camera = {1000, 1000, 649.5, 499.5, 1300, 1000};
+  scene.T_10.t = {0.02, -0.01, 0.02};
+  scene.shortest = 30;
+  const Frame image0 = render(scene, 0), image1 = render(scene, 1);
+  const Features features = random_features(scene, 60);
+  std::mt19937 random(3);
+  auto model = odd_model();
+  model->encoder = {{random_layer(3, 32, 1, random)}, {random_layer(32, 4, 2, random)}};
+  const Plan plan = plan_for(scene.camera, features.size());
+  const internal::Tiling tiling(*model, 1300, 1000, 2);
+  ASSERT_EQ(tiling.columns.size() * tiling.rows.size(), 2u);
+  const auto cpu = make_cpu_aligner(plan, options_of(*model), model);
+  const auto tiled = make_device_aligner(device(), plan, options_of(*model), Solver::device, model);
+  const Pair pair{0, image1.view(), {}, {}};
+  std::vector<Alignment> results;
+  for (Aligner* aligner : {cpu.get(), static_cast<Aligner*>(tiled.get())}) {
+    aligner->set_reference(0, {image0.view(), scene.camera, features, {}});
+    results.push_back(aligner->align(pair));
+  }
+  EXPECT_LT(pose_difference(results[0], results[1]), 1e-5);
+  EXPECT_GT((results[0].T_10.t - SE3().t).norm(), 1e-3);
 }
 
 TEST(LearnedModel, WhatDoesNotFitIsRefused) {

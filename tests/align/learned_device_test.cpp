@@ -1,6 +1,7 @@
 // The learned model on the device against the executable specification.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 
@@ -11,7 +12,7 @@
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 
-#include "device.h"
+#include "device_encoder.h"
 #include "learned.h"
 #include "read_back.h"
 
@@ -92,6 +93,50 @@ INSTANTIATE_TEST_SUITE_P(Golden, LearnedDevice,
                                           testing::Values(ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4)),
                          case_name);
 
+// With activations in half precision: the bounds of docs/convolutions.md.
+class LearnedHalf : public testing::TestWithParam<std::tuple<Case, ConvVariant>> {
+ protected:
+  void SetUp() override { ICLK_NEED_DEVICE(); }
+};
+
+TEST_P(LearnedHalf, MapsAndPose) {
+  const auto [c, variant] = GetParam();
+  const Golden golden(c.golden);
+  const auto model = golden_model(golden, c.levels);
+  test::DeviceEncoder encoder(model, golden.width(), golden.height(), c.levels, PixelFormat::rgba32f);
+  encoder.shuffle = internal::can_shuffle(test::device()->info());
+  encoder.precision = Precision::fp16;
+  encoder.use(variant);
+  const std::vector<float> rgb0 = golden.rgb("image0"), rgb1 = golden.rgb("image1");
+  const auto maps = encoder.encode(std::vector<ImageView>{golden.view(rgb0), golden.view(rgb1)}, 2);
+  for (int level = 0; level < c.levels; ++level)
+    for (const bool target : {false, true}) {
+      const auto& info = encoder.layout.levels[static_cast<size_t>(level)];
+      const float* map = maps.data() + (target ? encoder.layout.map_stride : 0) + info.map_offset;
+      const auto& expected = golden.level(level, target ? "f1" : "f0").data;
+      const auto [least, most] = std::minmax_element(expected.begin(), expected.end());
+      for (uint32_t v = 0; v < info.height; ++v)
+        for (uint32_t u = 0; u < info.width; ++u)
+          ASSERT_NEAR(map[v * info.pitch + u], expected[v * info.width + u], 2e-3f * (*most - *least))
+              << (target ? "target" : "reference") << " level " << level << " at " << u << ", " << v;
+    }
+
+  AlignerOptions options = paper_options(c.levels);
+  options.precision = Precision::fp16;
+  DeviceAligner aligner(test::device(), plan_for(golden), options, Solver::device, model, encoder.tuning);
+  aligner.set_reference(0, {golden.view(rgb0), golden.camera(), golden.features(), {}});
+  const Alignment a = aligner.align(Pair{0, golden.view(rgb1), {}, {}});
+  const SE3 expected = Golden::pose(&golden.level(0, "R").data[81], &golden.level(0, "t").data[27]);
+  EXPECT_LT((a.T_10.t - expected.t).norm(), 2e-3 * golden.truth().t.norm());
+  EXPECT_LT((a.T_10.R - expected.R).norm(), 1e-4);
+}
+INSTANTIATE_TEST_SUITE_P(Golden, LearnedHalf,
+                         testing::Combine(testing::ValuesIn(kCases),
+                                          testing::Values(ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4)),
+                         [](const auto& info) {
+                           return std::get<0>(info.param).golden + std::string("_") + name(std::get<1>(info.param));
+                         });
+
 // The stages one by one, each level from the pose with which the specification starts it.
 class LearnedStages : public testing::TestWithParam<Case> {
  protected:
@@ -112,7 +157,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const internal::WorkgroupSizes sizes(context->info().type, options);
   const internal::Kernels kernels(context, plan, options, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
-  internal::DeviceNetwork network(*context, model, layout, plan, 1, {}, ids.plan);
+  internal::DeviceNetwork network(*context, model, layout, plan, options, 1, {}, ids.plan);
   const engine::Workspace memory(context, ids.plan);
   if (!memory[ids.pixels0].mapped) GTEST_SKIP() << "device memory is not mapped here";
   network.load(context, memory, sizes.iterate);

@@ -13,6 +13,7 @@ Tuning example() {
   Tuning tuning;
   tuning.variants[{16, 32, 2, 752, 480}] = ConvVariant::winograd2;
   tuning.variants[{3, 16, 1, 752, 480}] = ConvVariant::direct;
+  tuning.variants[{3, 16, 1, 752, 480, Precision::fp16}] = ConvVariant::winograd2;
   tuning.variants[{128, 128, 2, 94, 60}] = ConvVariant::winograd4;
   return tuning;
 }
@@ -39,11 +40,15 @@ TEST(Tuning, WhatIsDamagedOrForeignIsNothing) {
     }
   EXPECT_FALSE(Tuning::parse(text + "3 16 1 752 480 direct\n", key));
   EXPECT_FALSE(Tuning::parse(text + std::string(100, '9'), key));
+  // Of the form before precisions.
+  EXPECT_FALSE(Tuning::parse("iclk-tuning 1\ndevice-1-abc\n1\n3 16 1 752 480 direct\nd2571f682f980d8d\n", key));
 }
 
 TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
   const Tuning tuning = example();
   EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}), ConvVariant::winograd2);
+  EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480}), ConvVariant::direct);
+  EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480, Precision::fp16}), ConvVariant::winograd2);
   EXPECT_EQ(tuning.choose({16, 32, 2, 376, 240}), ConvVariant::winograd4);
   EXPECT_EQ(tuning.choose({1, 32, 1, 376, 240}), ConvVariant::direct);
 }
@@ -65,6 +70,12 @@ TEST(Tuning, MeasuresWhatIsMissing) {
   EXPECT_EQ(calls, (std::vector<int>{0, 1, 2, 3}));
   EXPECT_EQ(tuned.variants.size(), 5u);
   EXPECT_EQ(tuned.variants.at(shapes[0]), ConvVariant::winograd2);
+  // Another precision is another measurement.
+  auto half = shapes[0];
+  half.precision = Precision::fp16;
+  const Tuning both = tune(test::device(), {half, shapes[0]}, tuned);
+  EXPECT_EQ(both.variants.size(), 6u);
+  EXPECT_TRUE(both.variants.contains(half));
   const auto none = [](int, int) { ADD_FAILURE() << "measured again"; };
   EXPECT_EQ(tune(test::device(), shapes, tuned, none).variants, tuned.variants);
 }
