@@ -6,7 +6,9 @@
 #include "apps/batch_loaders.h"
 #include "apps/batch_progress.h"
 #include "apps/command.h"
+#include "apps/eval_pictures.h"
 #include "apps/eval_report.h"
+#include "apps/io/images.h"
 #include "apps/io/output.h"
 #include "apps/run_options.h"
 
@@ -69,6 +71,8 @@ void write_eval(const std::string& folder, const EvalReport& report, const std::
   const std::filesystem::path root(folder);
   std::error_code ignored;
   std::filesystem::remove(root / "eval.json", ignored);
+  for (const Picture& picture : make_eval_pictures(report))
+    write_file((root / picture.file).string(), encode_png(picture.image));
   write_file((root / "rows.csv").string(), rows_csv(report));
   write_file((root / "pairs.csv").string(), pairs_csv(report));
   write_file((root / "changes.jsonl").string(), changes_jsonl(report));

@@ -98,7 +98,7 @@ std::vector<BasinBin> basin(std::span<const EvalSample> samples, double PoseErro
   for (const EvalSample& sample : samples) sorted.push_back(&sample);
   std::stable_sort(sorted.begin(), sorted.end(),
                    [&](const EvalSample* a, const EvalSample* b) { return a->start.*of < b->start.*of; });
-  const size_t count = std::clamp<size_t>(sorted.size() / 3, sorted.empty() ? 0 : 1, static_cast<size_t>(std::max(bins, 1)));
+  const size_t count = std::clamp<size_t>(sorted.size() / 5, sorted.empty() ? 0 : 1, static_cast<size_t>(std::max(bins, 1)));
   std::vector<BasinBin> out;
   for (size_t b = 0; b < count; ++b) {
     const size_t first = b * sorted.size() / count, last = (b + 1) * sorted.size() / count;

@@ -76,7 +76,7 @@ struct BasinBin {
   int pairs = 0;
   double success = 0;  ///< share of these that end within `limit` px
 };
-/// `of`: which of the start's errors. At most `bins`, of at least three samples each.
+/// `of`: which of the start's errors. At most `bins`, of at least five samples each if there are as many.
 std::vector<BasinBin> basin(std::span<const EvalSample> samples, double PoseError::*of, int bins, double limit);
 
 }  // namespace iclk
