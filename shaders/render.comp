@@ -1,10 +1,10 @@
 #version 460
 // A view of a terrain: heights and a mosaic -> colour and z-depth. One invocation a pixel.
 //
-// The ground is the surface of bilinear patches between the points of the height grid. A ray finds its first crossing from above
-// by walking the pyramid of greatest heights and solving a quadratic equation in each patch that it may meet. Colour is the mean of
-// SAMPLES x SAMPLES rays, each a trilinear, anisotropic look into the mosaic; depth is that of the pixel's centre, 0 where the
-// ray meets no ground or ground without a picture.
+// The ground is the surface of bilinear patches between the points of the height grid. A ray finds its first crossing from
+// above by walking the pyramid of greatest heights and solving a quadratic equation in each patch that it may meet. Colour is
+// the mean of SAMPLES x SAMPLES rays, each a trilinear, anisotropic look into the mosaic; depth is that of the pixel's centre,
+// 0 where the ray meets no ground or ground without a picture.
 // Groups: (ceil(tile width / 8), ceil(tile height / 8)).
 #extension GL_GOOGLE_include_directive : require
 #include "render.h"

@@ -1,6 +1,9 @@
 #include "apps/render/geotiff.h"
 
 #include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <memory>
@@ -90,17 +93,26 @@ Grid grid_of(const std::string& path, GDALDatasetH dataset) {
   return {width, height, g[0], g[3], g[1], -g[5]};
 }
 
-/// A vector for every pixel of the grid.
+/// A vector for every pixel of the grid. `bytes`: of a pixel, pyramids included.
 template <typename T>
-std::vector<T> pixels(const std::string& path, const Grid& grid, T value = {}) {
+std::vector<T> pixels(const std::string& path, const Grid& grid, double bytes) {
   const size_t count = static_cast<size_t>(grid.width) * static_cast<size_t>(grid.height);
+  // Asked beforehand: memory that is promised and not there ends the process.
+  const double needed = bytes * static_cast<double>(count);
+  const double there = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+  const auto refuse = [&] {
+    throw Error(ErrorCode::unsupported, path + ": " + std::to_string(grid.width) + "x" + std::to_string(grid.height) +
+                                            " pixels take " + number(std::round(needed / (1 << 20))) +
+                                            " MiB, this machine has " + number(std::round(there / (1 << 20))) +
+                                            "; cut it with gdal_translate -projwin, or make it coarser with -outsize");
+  };
+  if (needed > 0.8 * there) refuse();
   try {
-    return std::vector<T>(count, value);
+    return std::vector<T>(count);
   } catch (const std::bad_alloc&) {
-    throw Error(ErrorCode::out_of_memory, path + ": " + std::to_string(grid.width) + "x" + std::to_string(grid.height) +
-                                              " pixels take " + std::to_string(count * sizeof(T) >> 20) +
-                                              " MiB; cut it with gdal_translate -projwin, or gdal_translate -outsize");
+    refuse();
   }
+  return {};
 }
 
 void read(const std::string& path, GDALRasterBandH band, const Grid& grid, int row, int rows, void* out, GDALDataType type,
@@ -124,7 +136,7 @@ void read_mosaic(const std::string& path, GDALDatasetH dataset, Terrain& terrain
                                               "; 8 bit is needed: gdal_translate -ot Byte -scale");
   }
   terrain.mosaic = grid_of(path, dataset);
-  terrain.rgba = pixels<uint32_t>(path, terrain.mosaic);
+  terrain.rgba = pixels<uint32_t>(path, terrain.mosaic, 5.4);
   const Grid& grid = terrain.mosaic;
   // Without data is what lacks it in every band: with a nodata value per band, a single band may have it as a colour.
   const bool one_mask = (GDALGetMaskFlags(first) & (GMF_PER_DATASET | GMF_ALL_VALID)) != 0;
@@ -158,7 +170,7 @@ void read_elevation(const std::string& path, GDALDatasetH dataset, Terrain& terr
     bad(path, "has heights in '" + unit + "'; metres are needed: gdal_calc.py --calc \"A*0.3048\" for feet");
   terrain.relief = grid_of(path, dataset);
   const Grid& grid = terrain.relief;
-  terrain.height = pixels<float>(path, grid);
+  terrain.height = pixels<float>(path, grid, 13);
   int has_scale = 0, has_offset = 0;
   const double scale = GDALGetRasterScale(band, &has_scale), offset = GDALGetRasterOffset(band, &has_offset);
   std::vector<uint8_t> mask(static_cast<size_t>(grid.width) * kRows);
