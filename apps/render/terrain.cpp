@@ -1,6 +1,7 @@
 #include "apps/render/terrain.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <cstdio>
 
@@ -58,6 +59,18 @@ std::optional<double> Terrain::height_at(double x, double y) const {
   const float* next = row + relief.width;
   const double h = (1 - b) * ((1 - a) * row[0] + a * row[1]) + b * ((1 - a) * next[0] + a * next[1]);
   return std::isfinite(h) ? std::optional(h) : std::nullopt;
+}
+
+uint64_t Terrain::hash() const {
+  uint64_t h = 0xcbf29ce484222325u;
+  const auto mix = [&](uint64_t word) { h = (h ^ word) * 0x100000001b3u, h ^= h >> 29; };
+  for (const Grid* grid : {&relief, &mosaic}) {
+    mix(static_cast<uint64_t>(grid->width) << 32 | static_cast<uint32_t>(grid->height));
+    for (const double value : {grid->left, grid->top, grid->step_x, grid->step_y}) mix(std::bit_cast<uint64_t>(value));
+  }
+  for (const float value : height) mix(std::isnan(value) ? 1 : std::bit_cast<uint32_t>(value));
+  for (const uint32_t pixel : rgba) mix(pixel);
+  return h;
 }
 
 void Terrain::check() const {

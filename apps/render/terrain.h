@@ -49,6 +49,9 @@ struct Terrain {
   /// Height of the ground; nothing outside the relief and where one of the four heights around is missing.
   std::optional<double> height_at(double x, double y) const;
 
+  /// Of grids, heights and pixels: tells whether two terrains are the same. Not against malice.
+  uint64_t hash() const;
+
   /// Throws Error(invalid_argument) that names the value and the remedy: sizes that do not fit, steps that are not positive,
   /// heights that are infinite or beyond 12 km, no height or no pixel with data, extents without overlap.
   void check() const;
