@@ -50,7 +50,7 @@ const char* const kFooter =
     "\n"
     "Examples:\n"
     "  iclk render --terrain procedural:7 --pairs 2 --out set\n"
-    "  iclk batch set/pairs.jsonl --solver device --out results.jsonl\n"
+    "  iclk batch set/pairs.jsonl --solver device --out set/results.jsonl\n"
     "  iclk render --terrain procedural:7 --pose '512 512 400 1 0 0 0' --out view\n"
     "  iclk render --ortho rgb.tif --elevation dem.tif --pairs 2 --region 0,0,0.7,1 --out train --size 188x120\n"
     "  iclk render --ortho rgb.tif --elevation dem.tif --pairs 2 --region 0.7,0,1,1 --out test --size 188x120 --seed 1\n"
@@ -74,12 +74,18 @@ Terrain make_terrain(const RenderCommand& command) {
   }
   if (!command.ortho.empty() || !command.elevation.empty())
     throw Error(ErrorCode::invalid_argument, "--terrain makes its own mosaic and elevation; leave out --ortho and --elevation");
-  constexpr std::string_view kind = "procedural:";
-  const std::string seed = command.terrain.starts_with(kind) ? command.terrain.substr(kind.size()) : "";
-  if (seed.empty() || seed.size() > 18 || seed.find_first_not_of("0123456789") != std::string::npos)
+  const auto bad = [&] {
     throw Error(ErrorCode::invalid_argument,
-                "--terrain '" + printable(command.terrain) + "': procedural:SEED with a whole number is what there is");
-  return procedural_terrain({.seed = std::stoull(seed)});
+                "--terrain '" + printable(command.terrain) +
+                    "': procedural:SEED or procedural:SEED:METRES, in whole numbers, is what there is");
+  };
+  const std::vector<std::string> words = split_words(command.terrain, ":");
+  if (words.size() < 2 || words.size() > 3 || words[0] != "procedural") bad();
+  for (size_t i = 1; i < words.size(); ++i)
+    if (words[i].size() > 18 || words[i].find_first_not_of("0123456789") != std::string::npos) bad();
+  ProceduralOptions options{.seed = std::stoull(words[1])};
+  if (words.size() == 3) options.size = std::stod(words[2]);
+  return procedural_terrain(options);
 }
 
 Camera make_camera(const RenderCommand& command) {
@@ -270,7 +276,8 @@ void add_render(CLI::App& app, int& exit) {
   sub->add_option("--elevation", o->elevation, "Elevation in metres: GeoTIFF on any grid of the same system")
       ->type_name("FILE")
       ->check(not_empty);
-  sub->add_option("--terrain", o->terrain, "procedural:SEED, a landscape of 1 km made in code, instead of files")
+  sub->add_option("--terrain", o->terrain,
+                  "procedural:SEED[:METRES], a landscape made in code, 1024 m a side, instead of files")
       ->check(not_empty);
   sub->add_option("--out", o->out, "Folder of the view or the set")->required()->type_name("DIR")->check(not_empty);
   auto* what = sub->add_option_group("what to render");
