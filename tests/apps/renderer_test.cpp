@@ -237,6 +237,20 @@ TEST(Renderer, TheSameBitsEveryTimeAndFromWindows) {
   EXPECT_EQ(tiny.render(camera, T_WC).depth, whole.render(camera, T_WC).depth);
 }
 
+// On level ground a window's bounds are tight: what filtering reads beyond them must be there.
+TEST(Renderer, WindowsReachAsFarAsFilters) {
+  ICLK_NEED_DEVICE();
+  std::mt19937 random(1);
+  const auto terrain = std::make_shared<Terrain>(make_terrain(
+      square(100, 100, 50, 4), square(100, 100, 800, 0.25), [](double, double) { return 10.0; },
+      [&](double, double) { return static_cast<uint32_t>(random()) | 0xff000000u; }));
+  TerrainRenderer whole(test::device(), terrain), windows(test::device(), terrain, {.max_texels = 40000});
+  for (const auto& [heading, tilt] : {std::pair(0.0, 0.0), {0.4, 0.5}}) {
+    const SE3 T_WC = looking_down({100, 90, 70}, heading, tilt);
+    EXPECT_EQ(whole.render(kCamera, T_WC).rgba, windows.render(kCamera, T_WC).rgba) << heading;
+  }
+}
+
 TEST(Renderer, RecordsIntoForeignCommands) {
   ICLK_NEED_DEVICE();
   const auto terrain = std::make_shared<Terrain>(procedural_terrain({.seed = 2, .size = 100}));
