@@ -245,10 +245,8 @@ TEST(Renderer, WindowsReachAsFarAsFilters) {
       square(100, 100, 50, 4), square(100, 100, 800, 0.25), [](double, double) { return 10.0; },
       [&](double, double) { return static_cast<uint32_t>(random()) | 0xff000000u; }));
   TerrainRenderer whole(test::device(), terrain), windows(test::device(), terrain, {.max_texels = 40000});
-  for (const auto& [heading, tilt] : {std::pair(0.0, 0.0), {0.4, 0.5}}) {
-    const SE3 T_WC = looking_down({100, 90, 70}, heading, tilt);
-    EXPECT_EQ(whole.render(kCamera, T_WC).rgba, windows.render(kCamera, T_WC).rgba) << heading;
-  }
+  for (const SE3& T_WC : {looking_down({100, 100, 215}), looking_down({100, 90, 70}, 0.4, 0.5)})
+    EXPECT_EQ(whole.render(kCamera, T_WC).rgba, windows.render(kCamera, T_WC).rgba);
 }
 
 TEST(Renderer, RecordsIntoForeignCommands) {
