@@ -96,6 +96,46 @@ TEST(Renderer, DepthOfASphere) {
   }
 }
 
+// From far away, a pattern finer than a pixel is its mean; seen along the ground, lines that run away from the camera stay
+// apart, though a pixel's footprint is six times as long as wide there.
+TEST(Renderer, FiltersAlongAndAcross) {
+  ICLK_NEED_DEVICE();
+  const auto flat = [](double, double) { return 0.0; };
+  const Terrain checks = make_terrain(square(0, 0, 40, 10), square(0, 0, 1600, 0.25), flat, [](double x, double y) {
+    return (static_cast<int>(std::floor(x * 4)) + static_cast<int>(std::floor(y * 4))) % 2 == 0 ? rgb(0, 0, 0)
+                                                                                                : rgb(255, 255, 255);
+  });
+  for (const SE3& T_WC : {looking_down({0, 0, 200}), looking_down({0, -100, 120}, 0, 0.7)}) {
+    const View view = render(checks, kCamera, T_WC, {.samples = 1});
+    for (size_t i = 0; i < view.rgba.size(); ++i) {
+      const bool seen = view.depth[i] > 0;
+      ASSERT_NEAR(seen ? test::red(view.rgba[i]) : 127.5, 127.5, 5) << i;
+    }
+  }
+  const Terrain lines = make_terrain(square(0, 0, 40, 10), square(0, 0, 1600, 0.25), flat,
+                                     [](double x, double) { return rgb(128 + 100 * std::sin(2 * M_PI * x / 3), 0, 0); });
+  // 80 degrees from straight down; at 100 m a pixel is 0.5 m wide and 3.2 m long.
+  const SE3 T_WC = looking_down({0, -100, 100 * std::cos(1.4)}, 0, 1.4);
+  const View view = render(lines, {200, 200, 95.5, 59.5, 192, 120}, T_WC, {.samples = 1});
+  int least = 255, greatest = 0;
+  for (int u = 40; u < 150; ++u) {
+    const int value = test::red(view.rgba[static_cast<size_t>(60 * 192 + u)]);
+    least = std::min(least, value), greatest = std::max(greatest, value);
+  }
+  EXPECT_GT(greatest - least, 120) << "of 200";
+  // A slope that faces the camera: its lines are as sharp as from straight above.
+  const Terrain slope = make_terrain(
+      square(0, 0, 40, 10), square(0, 0, 1600, 0.25), [](double, double y) { return y; },
+      [](double, double y) { return rgb(128 + 100 * std::sin(2 * M_PI * y / 3), 0, 0); });
+  const View facing = render(slope, {200, 200, 95.5, 59.5, 192, 120}, looking_down({0, -70, 70}, 0, M_PI / 4), {.samples = 1});
+  least = 255, greatest = 0;
+  for (int v = 40; v < 80; ++v) {
+    const int value = test::red(facing.rgba[static_cast<size_t>(v * 192 + 96)]);
+    least = std::min(least, value), greatest = std::max(greatest, value);
+  }
+  EXPECT_GT(greatest - least, 170) << "of 200";
+}
+
 // Four coloured quarters: which way is up and left, of the map and of the image.
 TEST(Renderer, AxesOfMapAndImage) {
   ICLK_NEED_DEVICE();
