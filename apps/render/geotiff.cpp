@@ -8,6 +8,7 @@
 #include <cstdio>
 #include <memory>
 #include <new>
+#include <type_traits>
 
 #include <cpl_conv.h>
 #include <cpl_error.h>
@@ -43,6 +44,10 @@ struct Closer {
   void operator()(GDALDatasetH dataset) const { GDALClose(dataset); }
 };
 using Dataset = std::unique_ptr<void, Closer>;
+struct Releaser {
+  void operator()(OGRSpatialReferenceH system) const { OSRDestroySpatialReference(system); }
+};
+using System = std::unique_ptr<std::remove_pointer_t<OGRSpatialReferenceH>, Releaser>;
 
 std::string number(double value) {
   char text[40];
@@ -64,19 +69,40 @@ Dataset open(const std::string& path, const Messages& messages) {
   return dataset;
 }
 
-/// Throws unless lengths of the coordinate system are metres.
-void check_system(const std::string& path, OGRSpatialReferenceH system) {
-  if (system == nullptr) return;  // a georeference without a name: taken for local metres
-  if (OSRIsGeographic(system) || OSRIsGeocentric(system))
-    bad(path,
-        "is in degrees of longitude and latitude; the renderer needs metres: gdalwarp -t_srs EPSG:326xx (the UTM zone of "
-        "the place) " +
-            path + " projected.tif, for mosaic and elevation alike");
+/// The horizontal part of a data set's coordinate system, or null. Throws unless its lengths and its heights are metres.
+System system_of(const std::string& path, GDALDatasetH dataset) {
+  const OGRSpatialReferenceH given = GDALGetSpatialRef(dataset);
+  if (given == nullptr) return nullptr;  // a georeference without a name: taken for local metres
+  System system(OSRClone(given));
+  const auto check_unit = [&](double metres, const char* unit, const char* of) {
+    if (std::abs(metres - 1) > 1e-9)
+      bad(path, std::string("has ") + of + " in '" + (unit ? unit : "?") + "' of " + number(metres) +
+                    " m; metres are needed: gdalwarp -t_srs with a system in metres");
+  };
   char* unit = nullptr;
-  const double metres = OSRGetLinearUnits(system, &unit);
-  if (std::abs(metres - 1) > 1e-9)
-    bad(path, "has the unit '" + std::string(unit ? unit : "?") + "' of " + number(metres) +
-                  " m; metres are needed: gdalwarp -t_srs with a system in metres");
+  if (OSRIsCompound(system.get())) {
+    const double metres = OSRGetTargetLinearUnits(system.get(), "VERT_CS", &unit);
+    check_unit(metres, unit, "heights");
+    OSRStripVertical(system.get());
+  }
+  const std::string remedy =
+      "; the renderer needs metres on the ground: gdalwarp -t_srs EPSG:326xx (the UTM zone of the place) " + path +
+      " projected.tif, for mosaic and elevation alike";
+  if (OSRIsGeographic(system.get()) || OSRIsGeocentric(system.get()))
+    bad(path, "is not projected, its coordinates are degrees of longitude and latitude or geocentric" + remedy);
+  const char* code = OSRGetAuthorityCode(system.get(), nullptr);
+  if (code != nullptr && std::string(code) == "3857")
+    bad(path, "is in Web Mercator, whose metres are longer than those on the ground by 1 / cos(latitude)" + remedy);
+  const double metres = OSRGetLinearUnits(system.get(), &unit);
+  check_unit(metres, unit, "lengths");
+  return system;
+}
+
+/// Systems that several programs write in several ways are still one.
+bool same(OGRSpatialReferenceH a, OGRSpatialReferenceH b) {
+  const char* options[] = {"CRITERION=EQUIVALENT", "IGNORE_DATA_AXIS_TO_SRS_AXIS_MAPPING=YES", "IGNORE_COORDINATE_EPOCH=YES",
+                           nullptr};
+  return OSRIsSameEx(a, b, options) != 0;
 }
 
 Grid grid_of(const std::string& path, GDALDatasetH dataset) {
@@ -84,7 +110,9 @@ Grid grid_of(const std::string& path, GDALDatasetH dataset) {
   double g[6];
   if (GDALGetGeoTransform(dataset, g) != CE_None)
     bad(path, "has no georeference, so its place on the map is unknown: gdal_translate -a_ullr LEFT TOP RIGHT BOTTOM (metres)");
-  if (g[2] != 0 || g[4] != 0 || !(g[1] > 0) || !(g[5] < 0))
+  // Less than a hundredth of a pixel over the whole raster is rounding of whoever wrote it.
+  const bool turned = std::abs(g[2]) * height > 0.01 * std::abs(g[1]) || std::abs(g[4]) * width > 0.01 * std::abs(g[5]);
+  if (turned || !(g[1] > 0) || !(g[5] < 0))
     bad(path, "is rotated or mirrored on the map (geotransform " + number(g[1]) + " " + number(g[2]) + " " + number(g[4]) +
                   " " + number(g[5]) + "); north must be up: gdalwarp " + path + " north_up.tif");
   if (width > kLargestSide || height > kLargestSide)
@@ -200,15 +228,14 @@ Terrain load_terrain(const std::string& mosaic, const std::string& elevation) {
   (void)registered;
   const Messages messages;
   const Dataset picture = open(mosaic, messages), heights = open(elevation, messages);
-  const OGRSpatialReferenceH a = GDALGetSpatialRef(picture.get()), b = GDALGetSpatialRef(heights.get());
-  check_system(mosaic, a);
-  check_system(elevation, b);
-  if (a != nullptr && b != nullptr && !OSRIsLocal(a) && !OSRIsLocal(b) && !OSRIsSame(a, b)) {
+  const System a = system_of(mosaic, picture.get()), b = system_of(elevation, heights.get());
+  if (a && b && !OSRIsLocal(a.get()) && !OSRIsLocal(b.get()) && !same(a.get(), b.get())) {
     const auto name = [](OGRSpatialReferenceH system) {
       const char* text = OSRGetName(system);
       return std::string(text ? text : "unnamed");
     };
-    bad(mosaic, "is in " + name(a) + ", " + elevation + " in " + name(b) + "; one system is needed: gdalwarp -t_srs");
+    bad(mosaic,
+        "is in " + name(a.get()) + ", " + elevation + " in " + name(b.get()) + "; one system is needed: gdalwarp -t_srs");
   }
   Terrain terrain;
   read_elevation(elevation, heights.get(), terrain, messages);

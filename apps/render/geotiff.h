@@ -13,7 +13,7 @@ namespace iclk {
 ///
 /// The files are held in memory: 5.4 bytes a pixel of the mosaic and 13 bytes a height, pyramids included.
 /// Throws Error(io) that names the file: missing, no raster, truncated; Error(invalid_argument) with the remedy: no
-/// georeference, degrees, feet, rotated rows, different coordinate systems, no overlap, heights that are none;
+/// georeference, degrees, feet, Web Mercator, rotated rows, different coordinate systems, no overlap, heights that are none;
 /// Error(unsupported) for other pixel types; Error(out_of_memory) for files that do not fit.
 Terrain load_terrain(const std::string& mosaic, const std::string& elevation);
 

@@ -15,7 +15,8 @@ struct GeoTiff {
   Grid grid;
   std::vector<std::vector<double>> bands;
   GDALDataType type = GDT_Float32;
-  int epsg = 0;  ///< 0: none
+  int epsg = 0;                    ///< 0: none
+  const char* compound = nullptr;  ///< "EPSG:2056+5728", instead of epsg
   bool georeferenced = true;
   double rotation = 0;  ///< geotransform[2]
   const char* nodata = nullptr;
@@ -45,7 +46,10 @@ struct GeoTiff {
     }
     if (epsg != 0) {
       OGRSpatialReferenceH system = OSRNewSpatialReference(nullptr);
-      OSRImportFromEPSG(system, epsg);
+      if (compound != nullptr)
+        OSRSetFromUserInput(system, compound);
+      else
+        OSRImportFromEPSG(system, epsg);
       GDALSetSpatialRef(file, system);
       OSRDestroySpatialReference(system);
     }

@@ -76,6 +76,14 @@ TEST_F(GeoTiffs, ArePutWhereTheyLieWhenRendered) {
   EXPECT_NEAR(view.depth[8 * 40 + 30], z, 1e-4 * z);
 }
 
+TEST_F(GeoTiffs, AHeightSystemBesideTheProjectionIsNoOther) {
+  GeoTiff dem = heights();
+  dem.compound = "EPSG:2056+5728";  // with Swiss heights
+  EXPECT_EQ(load_terrain(mosaic(picture()), elevation(dem)).relief.width, 12);
+  dem.compound = "EPSG:2056+6360";  // with heights in feet
+  refused(picture(), dem, {"dem.tif", "heights", "0.3048"});
+}
+
 TEST_F(GeoTiffs, PixelIsPointMeansTheSameAsArea) {
   GeoTiff points = heights();
   points.point = true;
@@ -130,6 +138,9 @@ TEST_F(GeoTiffs, WhatCannotBeUsedIsRefusedWithTheRemedy) {
   bad.epsg = 4326;
   bad.grid.left = 7, bad.grid.top = 46, bad.grid.step_x = bad.grid.step_y = 1e-4;
   refused(rgb, bad, {"dem.tif", "degrees", "gdalwarp"});
+  bad = dem;
+  bad.epsg = 3857;
+  refused(rgb, bad, {"dem.tif", "Web Mercator", "gdalwarp"});
   bad = dem;
   bad.epsg = 2263;  // New York, feet
   refused(rgb, bad, {"dem.tif", "0.3048", "gdalwarp"});

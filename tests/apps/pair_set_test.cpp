@@ -122,7 +122,7 @@ TEST(PairSets, OtherOptionsAndOtherFoldersAreRefused) {
   refused(pairs(set, 2, {"--tilt", "10"}), kBadInput, {"tilt 15", "now it is 10"});
   refused(pairs(set, 2, {"--region", "0,0,0.9,1"}), kBadInput, {"region"});
   std::vector<std::string> other = pairs(set, 2);
-  other[2] = "procedural:4:300";
+  other[2] = "procedural:4:240";
   refused(other, kBadInput, {"terrain"});
   folder.write("mine/thesis.txt", "x");
   refused(pairs(folder.path("mine"), 1), kBadInput, {"thesis.txt", "empty"});
