@@ -51,5 +51,6 @@ void add_demo(CLI::App& app, int& exit);
 void add_eval(CLI::App& app, int& exit);
 void add_bench(CLI::App& app, int& exit);
 void add_model(CLI::App& app, int& exit);
+void add_render(CLI::App& app, int& exit);
 
 }  // namespace iclk

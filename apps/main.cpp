@@ -28,6 +28,7 @@ int run(int argc, char** argv) {
   iclk::add_bench(app, exit);
   iclk::add_eval(app, exit);
   iclk::add_model(app, exit);
+  iclk::add_render(app, exit);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

@@ -21,8 +21,10 @@ void main() {
   int pitch = int(push.in_pitch);
   int at = int(push.in_offset + image * push.in_image + 2u * y * push.in_pitch + 2u * x);
   uint to = push.out_offset + image * push.out_image + y * push.out_pitch + x;
+  int in_plane = int(push.in_plane);  // read before lanes part, see docs/convolutions.md
+  uint out_plane = push.out_plane, planes = push.in_planes, c = 0u;
   vec4 sum[4] = vec4[](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
-  for (uint c = 0u; c < push.in_planes; ++c) {
+  do {
     // Beyond the last row or column lies the border.
     vec4 a = texelFetch(activations, at), b = texelFetch(activations, at + 1);
     vec4 d = texelFetch(activations, at + pitch), e = texelFetch(activations, at + pitch + 1);
@@ -31,9 +33,9 @@ void main() {
     sum[2] += d;
     sum[3] += e;
     if (halves) put(to, 0.25 * ((a + b) + (d + e)));
-    at += int(push.in_plane);
-    to += push.out_plane;
-  }
+    at += in_plane;
+    to += out_plane;
+  } while (++c < planes);
   uint map = (push.first_image + image) * push.map_stride + push.map_offset + 2u * y * push.map_pitch + 2u * x;
   [[unroll]] for (uint k = 0u; k < 4u; ++k) {
     uint u = 2u * x + k % 2u, v = 2u * y + k / 2u;

@@ -7,8 +7,8 @@ float correlation_of(uint pair) {
   float s00 = states[pair].sums[4 * 10 + 2], s0r = states[pair].sums[4 * 13 + 2], sr = states[pair].sums[4 * 13 + 3];
   float s1 = sr + a * s0 + b * n, s01 = s0r + a * s00 + b * s0;
   float s11 = states[pair].sums[4 * 14] + 2.0 * (a * s0r + b * sr) + a * a * s00 + 2.0 * a * b * s0 + b * b * n;
+  float m1 = states[pair].sums[4 * 14] + 2.0 * (abs(a * s0r) + abs(b * sr)) + a * a * s00 + 2.0 * abs(a * b * s0) + b * b * n;
   float v0 = s00 - s0 * s0 / n, v1 = s11 - s1 * s1 / n;
-  // Single precision: a spread under 1e-3 is rounding.
-  bool textured = n > 0.0 && v0 > 1e-6 * n && v1 > 1e-6 * n;
+  bool textured = n > 0.0 && v0 > ICLK_LEAST_SPREAD * s00 && v1 > ICLK_LEAST_SPREAD * m1;
   return textured ? clamp((s01 - s0 * s1 / n) * inversesqrt(v0 * v1), -1.0, 1.0) : 0.0;
 }

@@ -55,7 +55,8 @@ void add_element(View view, int k, float weight) {
   sums[14] += vec4(w * r * r, visible ? 1.0 : 0.0, a.z > 0.0 ? 1.0 : 0.0, 0.0);
 }
 
-// Defines `all`: calls `one` for the elements begin to end - 1. begin is that of a block of weights (weights.glsl).
+// Defines `all`: calls `one` for the elements begin to end - 1. begin is that of a block of weights (weights.glsl). Conditions
+// at the end: lavapipe runs the body of a loop that ends at its beginning once more, with all lanes off.
 #define ICLK_DEFINE_SUM(all, one)                                                                    \
   void all(View view, uint begin, uint end) {                                                        \
     uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;                                 \
@@ -66,10 +67,12 @@ void add_element(View view, int k, float weight) {
     for (uint block = begin; block < end; block += 4u * lanes) {                                     \
       vec4 w = vec4(1.0);                                                                            \
       if (!view.unit_weights) w = weights[view.weight_base + block / 4u + lane];                     \
-      for (uint j = 0u, k = block + lane; j < 4u && k < end; ++j, k += lanes) {                      \
-        one(view, int(k), w.x);                                                                      \
+      uint j = 0u, k = block + lane;                                                                 \
+      do {                                                                                           \
+        if (k < end) one(view, int(k), w.x);                                                         \
+        k += lanes;                                                                                  \
         w = w.yzwx;                                                                                  \
-      }                                                                                              \
+      } while (++j < 4u);                                                                            \
     }                                                                                                \
   }
 ICLK_DEFINE_SUM(add_elements, add_element)

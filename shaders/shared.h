@@ -155,8 +155,10 @@ struct ResultPush {
 };
 
 // The limits of the verdict, align/internal/verdict.cpp.
-#define ICLK_LEAST_EIGENVALUE 1e-5      // of H scaled to a unit diagonal; sums in single precision are good to 1e-6 of it
-#define ICLK_LARGEST_SIGMA 2.0          // px at a focal length of 500: a pose more uncertain than this is not determined
+#define ICLK_LEAST_EIGENVALUE 1e-5  // of H scaled to a unit diagonal; sums in single precision are good to 1e-6 of it
+#define ICLK_LARGEST_SIGMA 2.0      // px at a focal length of 500: a pose more uncertain than this is not determined
+// Least variance of values over the sum of magnitudes that it is the difference of; what is less may be rounding of these sums.
+#define ICLK_LEAST_SPREAD 4e-6
 #define ICLK_LEAST_SIGMA (1.0 / 510.0)  // residuals cannot be known to be better: rounding to 8 bits and some noise
 
 struct PyramidPush {

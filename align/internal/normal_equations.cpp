@@ -5,6 +5,7 @@
 #include <limits>
 
 #include <iclk/align/internal/jacobian.h>
+#include <iclk/shaders/shared.h>
 
 namespace iclk::internal {
 
@@ -16,14 +17,16 @@ NormalSums::Moments NormalSums::moments(const Point& at) const {
   const double s01 = s0r + at.gain * s00 + at.bias * s0;
   const double s11 =
       cost + 2 * (at.gain * s0r + at.bias * sr) + at.gain * at.gain * s00 + 2 * at.gain * at.bias * s0 + at.bias * at.bias * n;
-  return {s00 - s0 * s0 / n, s11 - s1 * s1 / n, s01 - s0 * s1 / n};
+  const double m1 = cost + 2 * (std::abs(at.gain * s0r) + std::abs(at.bias * sr)) + at.gain * at.gain * s00 +
+                    2 * std::abs(at.gain * at.bias * s0) + at.bias * at.bias * n;
+  return {s00 - s0 * s0 / n, s11 - s1 * s1 / n, s01 - s0 * s1 / n, s00, m1};
 }
 
 bool NormalSums::textured(const Point& at) const {
   if (!(weight() > 0)) return false;
   const Moments m = moments(at);
-  const double floor = 1e-9 * weight();  // a spread under 3e-5 is rounding, not texture
-  return m.v0 > floor && m.v1 > floor;
+  // What may be the rounding of a device's sums is no texture: under a spread of 1/1000 for grey values about 1/2.
+  return m.v0 > ICLK_LEAST_SPREAD * m.m0 && m.v1 > ICLK_LEAST_SPREAD * m.m1;
 }
 
 double NormalSums::correlation(const Point& at) const {

@@ -38,6 +38,7 @@ struct NormalSums {
  private:
   struct Moments {
     double v0, v1, v01;  // variances and covariance, times the weight
+    double m0, m1;       // sums of the magnitudes that v0 and v1 are differences of
   };
   Moments moments(const Point& at) const;
 };

@@ -13,7 +13,7 @@
 #include <iclk/engine/submission.h>
 
 #include "device_encoder.h"
-#include "learned.h"
+#include "learned_golden.h"
 #include "read_back.h"
 
 namespace iclk {
@@ -60,7 +60,7 @@ class LearnedDevice : public testing::TestWithParam<Way> {
 };
 
 TEST_P(LearnedDevice, EveryIteration) {
-  const auto model = golden_model(golden, levels);
+  const auto model = std::make_shared<const Model>(golden_model(golden));
   Tuning tuning;
   for (const ConvShape& shape : encoder_shapes(*model, golden.width(), golden.height(), levels))
     tuning.variants[shape] = std::get<2>(GetParam());
@@ -102,7 +102,7 @@ class LearnedHalf : public testing::TestWithParam<std::tuple<Case, ConvVariant>>
 TEST_P(LearnedHalf, MapsAndPose) {
   const auto [c, variant] = GetParam();
   const Golden golden(c.golden);
-  const auto model = golden_model(golden, c.levels);
+  const auto model = std::make_shared<const Model>(golden_model(golden));
   test::DeviceEncoder encoder(model, golden.width(), golden.height(), c.levels, PixelFormat::rgba32f);
   encoder.shuffle = internal::can_shuffle(test::device()->info());
   encoder.precision = Precision::fp16;
@@ -147,7 +147,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const Golden golden(GetParam().golden);
   const int levels = GetParam().levels;
   const auto context = test::device();
-  const auto model = golden_model(golden, levels);
+  const auto model = std::make_shared<const Model>(golden_model(golden));
   const Plan plan = plan_for(golden);
   const AlignerOptions options = paper_options(levels);
   const Features features = golden.features();

@@ -14,6 +14,7 @@
 
 #include "apps/command.h"
 #include "command_fixture.h"
+#include "geotiff_file.h"
 #include "tiny_model.h"
 
 namespace iclk {
@@ -105,6 +106,15 @@ TEST_F(Command, HelpShowsDefaultsExamplesAndExitCodes) {
   EXPECT_EQ(run({"--version"}).code, 0);
 }
 
+/// rgb.tif and dem.tif: a kilometre of waves.
+void write_terrain(const Folder& folder) {
+  test::GeoTiff rgb{{500, 500, 0, 1000, 2, 2}, {}, GDT_Byte}, dem{{110, 110, -50, 1050, 10, 10}, {}, GDT_Float32};
+  for (int c = 0; c < 3; ++c) rgb.band([&](double x, double y) { return 128 + 100 * std::sin(x / (5 + c)) * std::cos(y / 6); });
+  dem.band([](double x, double y) { return 10 * std::sin(x / 50) * std::cos(y / 60); });
+  rgb.write(folder.path("rgb.tif"));
+  dem.write(folder.path("dem.tif"));
+}
+
 TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
   if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
   const Folder folder;
@@ -120,10 +130,11 @@ TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
   folder.write("points.csv", points);
   folder.write("pairs.jsonl", R"({"reference": "a.png", "target": "b.png", "depth": "a_depth.png"})");
   save_model(tiny_model(), folder.path("model.safetensors"));
+  write_terrain(folder);
   std::filesystem::create_symlink(ICLK_COMMAND, folder.path("iclk"));
   int examples = 0;
   for (const std::vector<std::string>& command :
-       std::vector<std::vector<std::string>>{{"align"}, {"batch"}, {"demo"}, {"devices"}, {"model", "info"}}) {
+       std::vector<std::vector<std::string>>{{"align"}, {"batch"}, {"demo"}, {"devices"}, {"model", "info"}, {"render"}}) {
     std::vector<std::string> line_of_help = command;
     line_of_help.push_back("--help");
     std::istringstream help(run(line_of_help).out);
@@ -138,7 +149,7 @@ TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
       EXPECT_TRUE(code == 0 || verdict) << code << ":" << line << "\n" << bytes_of(folder.path("err"));
     }
   }
-  EXPECT_GE(examples, 15);
+  EXPECT_GE(examples, 20);
 }
 
 TEST_F(Command, BadInputHasItsCodeAndNamesTheFile) {

@@ -101,6 +101,11 @@ TEST_F(Learned, ADeviceMeasuresItsKernelsOnce) {
   EXPECT_EQ(a, b);
   for (int r = 0; r < 3; ++r)
     for (int c = 0; c < 4; ++c) EXPECT_NEAR(a["T_10"][r][c].get<double>(), cpu["T_10"][r][c].get<double>(), 2e-4);
+  std::vector<std::string> half = line;
+  half.insert(half.end(), {"--precision", "fp16"});
+  const Json less = json(run(half, "off"));
+  EXPECT_NE(less["stages"][0]["T_10"], a["stages"][0]["T_10"]);
+  for (int c = 0; c < 4; ++c) EXPECT_NEAR(less["T_10"][0][c].get<double>(), a["T_10"][0][c].get<double>(), 1e-3);
   const Finished bad = run(line, "perhaps");
   EXPECT_EQ(bad.code, kBadInput);
   EXPECT_NE(bad.err.find("'perhaps'"), std::string::npos) << bad.err;

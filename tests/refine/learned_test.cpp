@@ -7,7 +7,7 @@
 #include <iclk/engine/submission.h>
 #include <iclk/refine/refiner.h>
 
-#include "../align/learned.h"
+#include "../align/learned_golden.h"
 #include "../support/synthetic.h"
 #include "device.h"
 
@@ -19,7 +19,7 @@ using test::Scene;
 constexpr int kLevels = 4;
 
 std::shared_ptr<const Model> golden_model() {
-  static const auto model = test::golden_model(test::Golden("learned_narrow_188x120"), kLevels);
+  static const auto model = std::make_shared<const Model>(test::golden_model(test::Golden("learned_narrow_188x120")));
   return model;
 }
 

@@ -1,0 +1,151 @@
+#include "apps/render/pairs.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <random>
+
+#include <Eigen/Geometry>
+
+#include <iclk/engine/error.h>
+
+namespace iclk {
+namespace {
+
+using Eigen::AngleAxisd;
+using Eigen::Vector3d;
+
+constexpr int kDraws = 5000;
+// Pixels a side of the views by which most unsuitable poses are found out.
+constexpr int kQuick = 24;
+
+std::string number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.6g", value);
+  return text;
+}
+
+[[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
+
+/// The standard distributions differ between libraries; this does not.
+class Random {
+ public:
+  Random(uint64_t seed, uint64_t index) {
+    std::seed_seq mix{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32), static_cast<uint32_t>(index),
+                      static_cast<uint32_t>(index >> 32)};
+    engine_.seed(mix);
+  }
+  double between(double a, double b) { return a + (b - a) * (static_cast<double>(engine_() >> 11) * 0x1p-53); }
+
+ private:
+  std::mt19937_64 engine_;
+};
+
+/// The camera whose pixel centres are kQuick x kQuick of the other's, the outermost among them.
+Camera quick_camera(const Camera& camera) {
+  const double x = (kQuick - 1.0) / (camera.width - 1), y = (kQuick - 1.0) / (camera.height - 1);
+  return {camera.fx * x, camera.fy * y, camera.cx * x, camera.cy * y, kQuick, kQuick};
+}
+
+}  // namespace
+
+void PairOptions::check() const {
+  camera.check();
+  if (camera.width < 2 || camera.height < 2)
+    fail("a camera of " + std::to_string(camera.width) + "x" + std::to_string(camera.height) + " pixels is too small");
+  if (!(altitude_min > 0) || !(altitude_max >= altitude_min) || !std::isfinite(altitude_max))
+    fail("altitudes of " + number(altitude_min) + " to " + number(altitude_max) + " m must be positive and in ascending order");
+  if (!(tilt >= 0) || !(tilt < 1.5)) fail("a tilt of " + number(tilt * 180 / M_PI) + " degrees must be 0 to 85");
+  if (!(translation >= 0) || !std::isfinite(translation))
+    fail("a perturbation of " + number(translation) + " m must not be negative");
+  if (!(rotation >= 0) || !(rotation <= 1.5)) fail("a perturbation of " + number(rotation) + " rad must be 0 to 1.5");
+  if (!(nearest >= 0) || !(nearest < 1)) fail("a nearest ground of " + number(nearest) + " of the altitude must be 0 to 1");
+  if (region.empty() || !(region.left >= 0 && region.bottom >= 0 && region.right <= 1 && region.top <= 1))
+    fail("region " + number(region.left) + "," + number(region.bottom) + "," + number(region.right) + "," + number(region.top) +
+         ": x0,y0,x1,y1 are fractions of the map, 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1");
+}
+
+std::string PairSource::Rejected::text() const {
+  return std::to_string(draws) + " poses drawn, " + std::to_string(outside) +
+         " again because a view left the region or met missing data, " + std::to_string(too_near) +
+         " because the ground was too near";
+}
+
+PairSource::PairSource(TerrainRenderer& renderer, const PairOptions& options) : renderer_(renderer), options_(options) {
+  options_.check();
+  const MapBox map = renderer.terrain().extent();
+  region_ = {map.left + options_.region.left * map.width(), map.bottom + options_.region.bottom * map.height(),
+             map.left + options_.region.right * map.width(), map.bottom + options_.region.top * map.height()};
+  quick_ = quick_camera(options_.camera);
+}
+
+bool PairSource::acceptable(const View& view, const Camera& camera, const SE3& T_WC, double nearest) {
+  for (int v = 0; v < view.height; ++v)
+    for (int u = 0; u < view.width; ++u) {
+      const double z = view.depth[static_cast<size_t>(v) * static_cast<size_t>(view.width) + static_cast<size_t>(u)];
+      const Vector3d X = T_WC * (z * camera.ray({u, v}));
+      if (!(z > 0) || !region_.contains(X.x(), X.y())) return ++rejected_.outside, false;
+      if (z < nearest) return ++rejected_.too_near, false;
+    }
+  return true;
+}
+
+RenderedPair PairSource::draw(uint64_t index) {
+  const Terrain& terrain = renderer_.terrain();
+  Random random(options_.seed, index);
+  const Rejected before = rejected_;
+  Eigen::Matrix3d down;
+  down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    ++rejected_.draws;
+    RenderedPair pair;
+    const double x = random.between(region_.left, region_.right), y = random.between(region_.bottom, region_.top);
+    pair.altitude = random.between(options_.altitude_min, options_.altitude_max);
+    const double heading = random.between(0, 2 * M_PI), tilt = random.between(0, options_.tilt),
+                 roll = random.between(0, 2 * M_PI);
+    Vector3d rho, phi;
+    for (double& r : rho) r = random.between(-options_.translation, options_.translation);
+    for (double& r : phi) r = random.between(-options_.rotation, options_.rotation);
+
+    const auto ground = terrain.height_at(x, y);
+    if (!ground) {
+      ++rejected_.outside;
+      continue;
+    }
+    pair.T_W0.t = {x, y, *ground + pair.altitude};
+    pair.T_W0.R = AngleAxisd(heading, Vector3d::UnitZ()).toRotationMatrix() * down *
+                  AngleAxisd(tilt, Vector3d::UnitX()).toRotationMatrix() *
+                  AngleAxisd(roll, Vector3d::UnitZ()).toRotationMatrix();
+    Vector6d turn = Vector6d::Zero();
+    turn.tail<3>() = phi;
+    const SE3 T_01{SE3::exp(turn).R, rho};
+    pair.T_W1 = pair.T_W0 * T_01;
+    pair.T_10 = T_01.inverse();
+
+    const double nearest = options_.nearest * pair.altitude;
+    const auto ground1 = terrain.height_at(pair.T_W1.t.x(), pair.T_W1.t.y());
+    if (ground1 && pair.T_W1.t.z() - *ground1 < nearest) {
+      ++rejected_.too_near;
+      continue;
+    }
+    const auto sees = [&](const Camera& camera, const SE3& T_WC, View& view) {
+      view = renderer_.render(camera, T_WC);
+      return acceptable(view, camera, T_WC, nearest);
+    };
+    View quick;
+    if (!sees(quick_, pair.T_W0, quick) || !sees(quick_, pair.T_W1, quick)) continue;
+    if (!sees(options_.camera, pair.T_W0, pair.view0) || !sees(options_.camera, pair.T_W1, pair.view1)) continue;
+    return pair;
+  }
+  const Camera& c = options_.camera;
+  const double wide = options_.altitude_min * c.width / std::abs(c.fx),
+               high = options_.altitude_min * c.height / std::abs(c.fy);
+  Rejected now = rejected_;
+  now.draws -= before.draws, now.outside -= before.outside, now.too_near -= before.too_near;
+  fail("no room for a pair: from " + number(options_.altitude_min) + " m a view covers " + number(std::round(wide)) + " x " +
+       number(std::round(high)) + " m of level ground, the region is " + number(std::round(region_.width())) + " x " +
+       number(std::round(region_.height())) + " m (" + now.text() +
+       "); take lower altitudes, less tilt, a longer focal length or a larger region");
+}
+
+}  // namespace iclk

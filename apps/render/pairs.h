@@ -1,0 +1,66 @@
+#pragma once
+#include <cstdint>
+#include <string>
+
+#include "apps/render/renderer.h"
+
+namespace iclk {
+
+/// Which cameras are drawn. The defaults start as far from the truth as the paper's pairs: 34 px, 4.9 m and 0.075 rad in the
+/// mean.
+struct PairOptions {
+  Camera camera{455, 455, 375.5, 239.5, 752, 480};
+  double altitude_min = 100, altitude_max = 180;  ///< m above the ground below the first camera
+  double tilt = 15 * 0.017453292519943295;        ///< rad from straight down, at most
+  double translation = 5.1;                       ///< m; each component of the perturbation lies in -this .. this
+  double rotation = 0.078;                        ///< rad; the same of the rotation vector
+  double nearest = 0.3;                           ///< no ground nearer than this share of the altitude
+  MapBox region{0, 0, 1, 1};                      ///< of the terrain's extent, in fractions from its south-west corner
+  uint64_t seed = 0;
+
+  /// Throws Error(invalid_argument) that names the value and its range.
+  void check() const;
+};
+
+/// Two views whose fields of view lie in the region and see ground with a picture in every pixel.
+struct RenderedPair {
+  SE3 T_W0, T_W1;  ///< camera to map
+  SE3 T_10;        ///< camera 0 to camera 1, the truth
+  View view0, view1;
+  double altitude = 0;  ///< m above ground, of camera 0
+};
+
+/// Draws pairs: position, altitude, heading, tilt and roll of the first camera are uniform, the second camera is the first one
+/// perturbed in its own frame by a translation and a rotation vector of uniform components; pairs of which a view leaves the
+/// region, meets missing data or comes too near to the ground are drawn again.
+class PairSource {
+ public:
+  /// Why poses were drawn again.
+  struct Rejected {
+    int64_t draws = 0;
+    int64_t outside = 0;   ///< a view left the region or met missing data
+    int64_t too_near = 0;  ///< ground nearer than PairOptions::nearest
+    std::string text() const;
+  };
+
+  /// `renderer` must outlive it. Throws as PairOptions::check, and Error(invalid_argument) for a region in which nothing lies.
+  PairSource(TerrainRenderer& renderer, const PairOptions& options);
+
+  /// Pair `index` of the set that the seed stands for, whatever was drawn before. Throws Error(invalid_argument) with what the
+  /// field of view needs and what the region has if no pair is found.
+  RenderedPair draw(uint64_t index);
+
+  const Rejected& rejected() const { return rejected_; }
+  const MapBox& region() const { return region_; }
+
+ private:
+  bool acceptable(const View& view, const Camera& camera, const SE3& T_WC, double nearest);
+
+  TerrainRenderer& renderer_;
+  PairOptions options_;
+  MapBox region_;
+  Camera quick_;
+  Rejected rejected_;
+};
+
+}  // namespace iclk

@@ -1,0 +1,60 @@
+#pragma once
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <Eigen/Core>
+
+namespace iclk {
+
+/// A rectangle of the map, metres.
+struct MapBox {
+  double left = 0, bottom = 0, right = 0, top = 0;
+
+  bool empty() const { return !(left < right && bottom < top); }
+  double width() const { return right - left; }
+  double height() const { return top - bottom; }
+  bool contains(double x, double y) const { return x >= left && x <= right && y >= bottom && y <= top; }
+  MapBox intersection(const MapBox& other) const;
+  /// "x 500 to 1500, y 0 to 1000".
+  std::string text() const;
+};
+
+/// Where the pixels of a north-up raster lie on the map: x east, y north, metres. Pixels are areas; a value stands for the
+/// centre of its pixel.
+struct Grid {
+  int width = 0, height = 0;      ///< pixels
+  double left = 0, top = 0;       ///< outer corner of the first pixel
+  double step_x = 1, step_y = 1;  ///< m of a pixel, positive; the next row lies further south
+
+  /// Outer edges.
+  MapBox box() const { return {left, top - height * step_y, left + width * step_x, top}; }
+  /// Between the centres of the outermost pixels: where four neighbours are around a place.
+  MapBox centres() const;
+  /// Column and row; a pixel's centre is at whole numbers.
+  Eigen::Vector2d pixel(double x, double y) const { return {(x - left) / step_x - 0.5, (top - y) / step_y - 0.5}; }
+};
+
+/// Ground and what it looks like: heights and a mosaic of photographs, each on its own grid, in one map frame in metres (x
+/// east, y north, z up). The ground is the surface of bilinear patches between the heights' centres.
+struct Terrain {
+  Grid relief;
+  std::vector<float> height;  ///< m, row-major; NaN: no data
+  Grid mosaic;
+  std::vector<uint32_t> rgba;  ///< row-major, R in the lowest byte; alpha 0: no data, 255: data
+
+  /// Where there can be ground and a picture of it.
+  MapBox extent() const { return relief.centres().intersection(mosaic.box()); }
+  /// Height of the ground; nothing outside the relief and where one of the four heights around is missing.
+  std::optional<double> height_at(double x, double y) const;
+
+  /// Of grids, heights and pixels: tells whether two terrains are the same. Not against malice.
+  uint64_t hash() const;
+
+  /// Throws Error(invalid_argument) that names the value and the remedy: sizes that do not fit, steps that are not positive,
+  /// heights that are infinite or beyond 12 km, no height or no pixel with data, extents without overlap.
+  void check() const;
+};
+
+}  // namespace iclk

@@ -1,0 +1,57 @@
+// Layouts of the terrain renderer, declared once for GLSL and C++. Heights and the mosaic are pyramids in texel buffers: level
+// after level, each a window of the whole level; the windows' places are in RenderLevels.
+#ifndef ICLK_SHADERS_RENDER_H
+#define ICLK_SHADERS_RENDER_H
+
+#ifdef __cplusplus
+#include <cstdint>
+namespace iclk::shaders {
+using uint = uint32_t;
+#endif
+
+#define ICLK_RENDER_LEVELS 20
+
+// Loops of one invocation, all rays together: Mesa 22.3 ends every loop after 65,535 of them without a word.
+#define ICLK_RENDER_STEPS 60000
+
+// A cell without data never stops a ray.
+#define ICLK_RENDER_HOLE -1e30
+
+// The window of a level that is in the buffer: texels x .. x + width - 1 of the level, rows packed, from element `offset`.
+struct RenderWindow {
+  int x, y, width, height;
+  int offset;
+  int unused0, unused1, unused2;  // std140 rounds an array's elements up to 16 bytes
+};
+
+// Level 0 of `relief` holds heights at the grid's points; level k + 1 the greatest height of each square of 2^k x 2^k cells.
+struct RenderLevels {
+  RenderWindow relief[ICLK_RENDER_LEVELS];
+  RenderWindow mosaic[ICLK_RENDER_LEVELS];
+};
+
+// One view, or a tile of one. Lengths in metres of the map; all positions are relative to the camera, so that single precision
+// suffices wherever the map lies.
+struct RenderPush {
+  // Direction of the ray through pixel (u, v), with 1 along the optical axis: its parameter is the z-depth.
+  float ray_u[3], ray_v[3], ray_0[3];  // direction = u ray_u + v ray_v + ray_0; x east, y north, z up
+  float height_high, height_low;       // of the camera; the sum is its height
+  float top;                           // no ground is higher
+  int cell_x, cell_y;                  // of the camera in the grid of heights, may lie outside
+  float cell_fraction_x, cell_fraction_y;
+  float cells_per_metre_x, cells_per_metre_y;
+  int texel_x, texel_y;                      // a texel near the camera that is the corner of one of the coarsest level
+  float texel_fraction_x, texel_fraction_y;  // camera minus that texel, in texels
+  float texels_per_metre_x, texels_per_metre_y;
+  uint size;        // of the view: width | height << 16
+  uint corner;      // of the tile: x | y << 16
+  uint tile;        // width | height << 16
+  uint levels;      // coarsest of the heights | coarsest of the mosaic << 8 | finest of the mosaic << 16
+  uint background;  // rgba8 where nothing is seen
+};
+
+#ifdef __cplusplus
+static_assert(sizeof(RenderPush) <= 128);
+}  // namespace iclk::shaders
+#endif
+#endif
