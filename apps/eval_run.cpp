@@ -32,7 +32,7 @@ struct Work {
 void require_file(const std::string& path, const std::string& where) {
   std::error_code error;
   if (path.empty() || fs::is_regular_file(path, error)) return;
-  throw Error(ErrorCode::io, where + ": there is no file " + printable(path));
+  throw Error(ErrorCode::io, where + ": there is no file " + path);
 }
 
 /// "initial", then what ran; a stage that did not, or that left no error to speak of, keeps the one before.
@@ -163,8 +163,8 @@ class Evaluation {
 
  private:
   void make_baselines() {
-    baselines_.push_back(make_iclk_method(classical(session_, true), false, "classical, paper"));
-    if (session_.options().model) baselines_.push_back(make_iclk_method(classical(session_, false), true, "classical, ours"));
+    baselines_.push_back(make_iclk_method(classical(session_, true), false, "classical (paper)"));
+    if (session_.options().model) baselines_.push_back(make_iclk_method(classical(session_, false), true, "classical (ours)"));
     baselines_.push_back(make_klt_pnp());
     baselines_.push_back(make_sift_pnp());
     baselines_.push_back(make_orb_pnp());

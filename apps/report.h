@@ -29,7 +29,7 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
 std::string to_table(const PairInput& pair, const RefinedAlignment& result, const Session& session);
 
 /// A stage against the truth of the pair, which has one. feature_alignment: e_pixel is that of the aligned positions (NaN
-/// without any), the pose is ICLK's.
+/// without any), the pose that by which the last round warped.
 PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, const Stage& stage);
 
 /// One line that says what to try next; empty for converged. `feature_file`: the features were given, not chosen.
