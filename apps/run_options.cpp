@@ -60,8 +60,10 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_option(
       "--search-rotation", search_rotation,
       "Largest pan and tilt, degrees; default: as the grid reaches with steps of 3.4 pixels of the coarsest level");
-  command.add_flag("--photometric,!--no-photometric", photometric,
-                   "Estimate the pair's exposure (gain and bias), or do not; default: do, but not with a model");
+  // Not bound to `photometric` itself: CLI11 2.1 sets an optional<bool> to false where the flag is not given.
+  command.add_flag_function(
+      "--photometric,!--no-photometric", [this](std::int64_t count) { photometric = count > 0; },
+      "Estimate the pair's exposure (gain and bias), or do not; default: do, but not with a model");
   command.add_flag("--dense", dense, "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
   command.add_flag("--no-refine", no_refine, "Stop after ICLK: no feature alignment, no pose refinement");
   command.add_option("--refine-rounds", refiner.rounds, "Rounds of feature alignment and pose, at most")->capture_default_str();

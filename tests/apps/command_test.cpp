@@ -70,6 +70,14 @@ TEST_F(Command, TwoRunsGiveTheSameBits) {
   EXPECT_EQ(pose(), pose());
 }
 
+TEST_F(Command, ExposureIsEstimatedUnlessForbidden) {
+  const auto pose = [&](const std::vector<std::string>& options) {
+    return nlohmann::json::parse(run(align(options)).out)["T_10"].dump();
+  };
+  EXPECT_EQ(pose({"--json"}), pose({"--json", "--photometric"})) << "the default of the classical mode";
+  EXPECT_NE(pose({"--json"}), pose({"--json", "--no-photometric"}));
+}
+
 TEST_F(Command, UsageErrors) {
   for (const std::vector<std::string>& line : std::vector<std::vector<std::string>>{{},
                                                                                     {"no_such_command"},
