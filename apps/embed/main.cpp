@@ -40,9 +40,8 @@ int report(const embed::Options& options, const embed::Report& result) {
   std::printf("\none frame   %.2f ms (median; recording, one submission, waiting; on %s)\n", middle(&embed::FrameReport::ms),
               result.device.c_str());
   if (result.frames.front().render_ms > 0)
-    std::printf("of which    %.2f ms two views of %dx%d, %.2f ms alignment, %.2f ms drawing, by the device's clock\n",
-                middle(&embed::FrameReport::render_ms), options.width, options.height, middle(&embed::FrameReport::align_ms),
-                middle(&embed::FrameReport::draw_ms));
+    std::printf("of which    %.2f ms two views of %dx%d, %.2f ms alignment, by the device's clock\n",
+                middle(&embed::FrameReport::render_ms), options.width, options.height, middle(&embed::FrameReport::align_ms));
   if (options.validate) std::printf("validation  %d messages\n", result.validation_messages);
   std::printf(
       "picture     %s: the map from the last pose known; the camera's view, features found (crosses), true places "

@@ -21,16 +21,16 @@ constexpr VkDescriptorType kBindings[] = {VK_DESCRIPTOR_TYPE_STORAGE_IMAGE, VK_D
 
 }  // namespace
 
-Marks::Marks(Host& host, int max_features)
+Marks::Marks(Host& host, const Image& reference, const Image& target, int max_features)
     : host_(host),
+      images_{&reference, &target},
       points_(host, sizeof(iclk::shaders::FeatureInfo) * static_cast<uint64_t>(max_features),
               VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, true) {}
 
 Marks::Marks(Host& host, VkBuffer results, const Image& reference, const Image& target, int max_features)
-    : Marks(host, max_features) {
+    : Marks(host, reference, target, max_features) {
   create_pipeline();
-  const Image* images[] = {&reference, &target};
-  create_sets(results, images);
+  create_sets(results);
 }
 
 void Marks::create_pipeline() {
@@ -54,7 +54,7 @@ void Marks::create_pipeline() {
   check(result, "vkCreateComputePipelines");
 }
 
-void Marks::create_sets(VkBuffer results, std::span<const Image* const> images) {
+void Marks::create_sets(VkBuffer results) {
   const VkDescriptorPoolSize sizes[] = {{VK_DESCRIPTOR_TYPE_STORAGE_IMAGE, 2}, {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 4}};
   const VkDescriptorPoolCreateInfo pool{VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, nullptr, 0, 2, 2, sizes};
   check(vkCreateDescriptorPool(host_.device, &pool, nullptr, &pool_), "vkCreateDescriptorPool");
@@ -64,7 +64,7 @@ void Marks::create_sets(VkBuffer results, std::span<const Image* const> images) 
   const VkDescriptorBufferInfo buffers[] = {{results, 0, sizeof(iclk::shaders::ResultInfo)},
                                             {points_.handle, 0, VK_WHOLE_SIZE}};
   for (size_t i = 0; i < 2; ++i) {
-    const VkDescriptorImageInfo image{VK_NULL_HANDLE, images[i]->view, VK_IMAGE_LAYOUT_GENERAL};
+    const VkDescriptorImageInfo image{VK_NULL_HANDLE, images_[i]->view, VK_IMAGE_LAYOUT_GENERAL};
     VkWriteDescriptorSet writes[3];
     for (uint32_t b = 0; b < 3; ++b)
       writes[b] = {VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET, nullptr, sets_[i], b, 0, 1, kBindings[b], b == 0 ? &image : nullptr,
@@ -97,9 +97,10 @@ void Marks::record(VkCommandBuffer commands, const iclk::Camera& camera, const i
     for (int j = 0; j < 3; ++j) push.true_pose[4 * i + j] = static_cast<float>(T_10.R(i, j));
     push.true_pose[4 * i + 3] = static_cast<float>(T_10.t(i));
   }
-  push.thickness = static_cast<uint32_t>(std::max(1, camera.width / 400));
+  push.thickness = static_cast<uint32_t>(std::max(1, camera.width / 320));
   vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipeline_);
   for (uint32_t i = 0; i < 2; ++i) {
+    images_[i]->record_before_drawing(commands);
     push.target = i;
     vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, layout_, 0, 1, &sets_[i], 0, nullptr);
     vkCmdPushConstants(commands, layout_, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof push, &push);

@@ -1,6 +1,4 @@
 #pragma once
-#include <span>
-
 #include <iclk/align/camera.h>
 #include <iclk/align/features.h>
 #include <iclk/align/se3.h>
@@ -19,16 +17,17 @@ class Marks {
   Marks(const Marks&) = delete;
   Marks& operator=(const Marks&) = delete;
 
-  /// Both images are in GENERAL and readers have finished; results are visible to compute shaders. Takes the features now.
+  /// Both images are in GENERAL, results visible to compute shaders. Waits for earlier copies. Takes the features now.
   /// `T_10`: the truth, for the rings.
   void record(VkCommandBuffer commands, const iclk::Camera& camera, const iclk::Features& features, const iclk::SE3& T_10);
 
  private:
-  explicit Marks(Host& host, int max_features);
+  Marks(Host& host, const Image& reference, const Image& target, int max_features);
   void create_pipeline();
-  void create_sets(VkBuffer results, std::span<const Image* const> images);
+  void create_sets(VkBuffer results);
 
   Host& host_;
+  const Image* images_[2];
   Buffer points_;
   VkDescriptorSetLayout set_layout_ = VK_NULL_HANDLE;
   VkPipelineLayout layout_ = VK_NULL_HANDLE;
