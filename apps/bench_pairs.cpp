@@ -17,7 +17,7 @@ namespace {
 
 constexpr int kVariants = 8;  // pairs from one rendering
 
-/// Motion k of a low-discrepancy series around that of `iclk demo`.
+/// Motion k of a low-discrepancy series around demo_motion().
 SE3 motion(int k) {
   Vector6d xi;
   const auto wave = [&](double ratio) { return 2 * std::fmod(0.5 + ratio * (k + 1), 1.0) - 1; };

@@ -1,10 +1,14 @@
 #include <chrono>
+#include <cstdlib>
 
 #include <spdlog/spdlog.h>
+
+#include <iclk/engine/context.h>
 
 #include "apps/command.h"
 #include "apps/io/images.h"
 #include "apps/io/output.h"
+#include "apps/rendered_pair.h"
 #include "apps/report.h"
 #include "apps/result_files.h"
 #include "apps/run_options.h"
@@ -19,12 +23,29 @@ struct DemoOptions {
   std::string out = "iclk_demo";
 };
 
-PairInput demo_pair(const DetectorOptions& features) {
+/// The device that renders: the session's, or for the CPU solver whatever there is. Null where there is no Vulkan device.
+std::shared_ptr<engine::Context> rendering_device(const Session& session) {
+  if (session.context()) return session.context();
+  try {
+    engine::ContextOptions options;
+    options.device = session.options().device;
+    if (const char* wish = std::getenv("ICLK_DEVICE"); wish != nullptr && options.device.empty()) options.device = wish;
+    return engine::create_context(options);
+  } catch (const Error& e) {
+    if (e.code() != ErrorCode::no_driver && e.code() != ErrorCode::no_device) throw;
+    spdlog::warn("no Vulkan device renders terrain here: the CPU draws a model landscape instead");
+    return nullptr;
+  }
+}
+
+PairInput demo_pair(const Session& session, const DetectorOptions& features) {
   const auto start = std::chrono::steady_clock::now();
-  const ScenePair scene = make_scene_pair(demo_motion());
+  const auto device = rendering_device(session);
+  const ScenePair scene = device ? render_scene_pair(device) : make_scene_pair(demo_motion());
   PairInput pair;
-  pair.name_0 = "a model landscape, 2 m below the camera";
-  pair.name_1 = "the same after a motion of 3 degrees and 6 cm, darker";
+  pair.name_0 = device ? "terrain made in code, rendered from 120 m above" : "a model landscape, 2 m below the camera";
+  pair.name_1 = device ? "the same after a motion of 3 degrees and 3.6 m, darker"
+                       : "the same after a motion of 3 degrees and 6 cm, darker";
   pair.image_0 = scene.image_0;
   pair.image_1 = scene.image_1;
   pair.depth_0 = scene.depth_0;
@@ -40,7 +61,7 @@ void run_demo(const DemoOptions& options, int& exit) {
   make_output_folder(options.out);
   Session session(session_options);
   report_device(session);
-  const PairInput pair = demo_pair(options.features);
+  const PairInput pair = demo_pair(session, options.features);
   const RefinedAlignment result = session.run(pair);
   write_file(options.out + "/reference.png", encode_png(pair.image_0));
   write_file(options.out + "/target.png", encode_png(pair.image_1));
@@ -55,7 +76,7 @@ void run_demo(const DemoOptions& options, int& exit) {
 
 void add_demo(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand(
-      "demo", "Align two views of a landscape made in code, whose true motion is known, and draw the result");
+      "demo", "Align two rendered views of terrain made in code, whose true motion is known, and draw the result");
   auto options = std::make_shared<DemoOptions>();
   command->add_option("--out", options->out, "Folder for the pictures and result.json")
       ->capture_default_str()

@@ -29,7 +29,7 @@ struct SceneOptions {
 /// hills.
 ScenePair make_scene_pair(const SE3& T_10, const SceneOptions& options = {});
 
-/// The motion of `iclk demo`: 3 degrees and 6 cm.
+/// A motion that suits it: 3 degrees and 6 cm.
 SE3 demo_motion();
 
 }  // namespace iclk

@@ -1,8 +1,8 @@
-// The code of README.md, compiled and run. Lines between "// README" and "// end" stand there word for word.
+// The code of README.md, compiled and run, here or by the embedding example. Lines between "// README" and "// end" stand there
+// word for word.
 #include <fstream>
 #include <sstream>
 
-#include "host_application.h"
 #include "solvers.h"
 
 namespace iclk::test {
@@ -30,47 +30,6 @@ Alignment align_two(const ImageView& view0, const ImageView& view1, const Camera
   return result;
 }
 
-Alignment embed(Application& app, const ApplicationCommands& frame, VkImage rendered, const ImageView& view0,
-                const Camera& camera, const Features& features) {
-  const VkInstance instance = app.instance.handle();
-  const VkPhysicalDevice physical_device = app.physical;
-  const VkDevice device = app.device;
-  const VkQueue queue = app.queue;
-  const uint32_t queue_family = app.family;
-  const VkCommandBuffer commands = frame.commands;
-  const uint32_t width = static_cast<uint32_t>(camera.width), height = static_cast<uint32_t>(camera.height);
-  const auto submit_and_wait = [&] {
-    frame.end();
-    frame.submit_and_wait();
-  };
-  // README
-  // Once: our device is yours, and all memory is allocated here.
-  auto context = iclk::engine::adopt_device({.instance = instance,
-                                             .physical_device = physical_device,
-                                             .device = device,
-                                             .queue = queue,
-                                             .queue_family = queue_family});
-  iclk::Plan plan{.width = camera.width, .height = camera.height, .format = iclk::PixelFormat::rgba8};
-  iclk::DeviceAligner aligner(context, plan, {}, iclk::Solver::device);
-  auto recording = aligner.make_recording();
-  aligner.set_reference(0, {.image = view0, .camera = camera, .features = features});
-
-  // Every frame, behind the commands that render into the image: the whole alignment, into your command buffer.
-  iclk::DevicePair pair{.reference = 0};
-  pair.target = iclk::engine::ForeignImage{.handle = rendered,
-                                           .format = VK_FORMAT_R8G8B8A8_UNORM,
-                                           .width = width,
-                                           .height = height,
-                                           .layout = VK_IMAGE_LAYOUT_GENERAL};
-  aligner.record(*recording, commands, {}, {&pair, 1});
-  VkBuffer results = recording->results().handle;  // shaders::ResultInfo: pose, covariance, status, for your shaders
-  submit_and_wait();
-  iclk::Alignment result = recording->read().front();  // the same on the host, with the trace
-  // end
-  EXPECT_NE(results, VkBuffer{});
-  return result;
-}
-
 std::vector<uint8_t> rgba(const Frame& frame) {
   std::vector<uint8_t> bytes;
   for (float I : frame.data)
@@ -91,14 +50,6 @@ TEST(Readme, CodeWorks) {
   const Alignment two = align_two(view0, view1, scene.camera, points);
   EXPECT_TRUE(two.converged()) << two.reason;
   EXPECT_LT(pixel_error(scene, features, two.T_10), 0.05);
-
-  Application app;
-  ApplicationImage image(app, 160, 120, VK_FORMAT_R8G8B8A8_UNORM, VK_IMAGE_LAYOUT_GENERAL);
-  image.fill(app.adopt(), image1.data(), image1.size());
-  const ApplicationCommands frame(app);
-  const Alignment embedded = embed(app, frame, image.foreign.handle, view0, scene.camera, features);
-  EXPECT_TRUE(embedded.converged()) << embedded.reason;
-  EXPECT_LT(pixel_error(scene, features, embedded.T_10), 0.05);
 }
 
 // Lines of a file without their indent.
@@ -111,17 +62,22 @@ std::vector<std::string> lines_of(const std::string& path) {
   return lines;
 }
 
-TEST(Readme, CodeIsThatOfThisFile) {
-  const auto here = lines_of(ICLK_SOURCE_DIR "/tests/align/readme_test.cpp"), readme = lines_of(ICLK_SOURCE_DIR "/README.md");
+TEST(Readme, CodeIsWhatIsCompiled) {
+  const auto readme = lines_of(ICLK_SOURCE_DIR "/README.md");
   int blocks = 0;
-  for (size_t i = 0; i < here.size(); ++i) {
-    if (here[i] != "// README") continue;
-    const auto first = here.begin() + static_cast<ptrdiff_t>(i) + 1, last = std::find(first, here.end(), "// end");
-    EXPECT_NE(std::search(readme.begin(), readme.end(), first, last), readme.end())
-        << "README.md lacks what begins: " << *first;
-    ++blocks;
+  for (const char* file : {"/tests/align/readme_test.cpp", "/apps/embed/run.cpp"}) {
+    const auto code = lines_of(std::string(ICLK_SOURCE_DIR) + file);
+    auto after = readme.begin();  // blocks of a file come in its order
+    for (size_t i = 0; i < code.size(); ++i) {
+      if (code[i] != "// README") continue;
+      const auto first = code.begin() + static_cast<ptrdiff_t>(i) + 1, last = std::find(first, code.end(), "// end");
+      const auto found = std::search(after, readme.end(), first, last);
+      EXPECT_NE(found, readme.end()) << "README.md lacks what begins, in " << file << ": " << *first;
+      if (found != readme.end()) after = found + (last - first);
+      ++blocks;
+    }
   }
-  EXPECT_EQ(blocks, 2);
+  EXPECT_EQ(blocks, 4);
 }
 
 }  // namespace

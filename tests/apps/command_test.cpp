@@ -14,6 +14,7 @@
 
 #include "apps/command.h"
 #include "command_fixture.h"
+#include "device.h"
 #include "geotiff_file.h"
 #include "tiny_model.h"
 
@@ -272,15 +273,35 @@ TEST_F(Command, ACpuDeviceIsTakenWithANotice) {
   EXPECT_EQ(nlohmann::json::parse(asked.out)["T_10"], nlohmann::json::parse(unasked.out)["T_10"]);
 }
 
-TEST_F(Command, Demo) {
-  const Folder folder;
-  const Finished f = run({"demo", "--solver", "cpu", "--out", folder.path("demo")});
+Finished demo(
+    const std::string& folder, const std::function<void()>& before = [] {}) {
+  const Finished f = run({"demo", "--solver", "cpu", "--out", folder}, before);
   EXPECT_EQ(f.code, kConverged) << f.err;
   EXPECT_NE(f.out.find("error [px]"), std::string::npos);
-  const auto json = nlohmann::json::parse(bytes_of(folder.path("demo/result.json")));
+  const auto json = nlohmann::json::parse(bytes_of(folder + "/result.json"));
+  EXPECT_GT(json["stages"].front()["e_pixel"].get<double>(), 0);
   EXPECT_LT(json["stages"].back()["e_pixel"].get<double>(), 0.1);
   for (const char* name : {"features.png", "overlay.png", "residual.png", "reference.png", "target.png"})
-    EXPECT_FALSE(cv::imread(folder.path(std::string("demo/") + name)).empty()) << name;
+    EXPECT_FALSE(cv::imread(folder + "/" + name).empty()) << name;
+  return f;
+}
+
+TEST_F(Command, DemoRendersItsPair) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  const Finished f = demo(folder.path("demo"));
+  EXPECT_NE(f.out.find("rendered from 120 m above"), std::string::npos) << f.out;
+  EXPECT_EQ(f.err.find("model landscape"), std::string::npos) << f.err;
+}
+
+TEST_F(Command, DemoWithoutVulkanDrawsItsPair) {
+  const Folder folder;
+  const Finished f = demo(folder.path("demo"), [] {
+    setenv("VK_ICD_FILENAMES", "/nonexistent.json", 1);
+    setenv("VK_DRIVER_FILES", "/nonexistent.json", 1);
+  });
+  EXPECT_NE(f.out.find("a model landscape"), std::string::npos) << f.out;
+  EXPECT_NE(f.err.find("the CPU draws a model landscape instead"), std::string::npos) << f.err;
 }
 
 }  // namespace

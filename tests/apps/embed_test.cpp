@@ -1,0 +1,84 @@
+// iclk_embed as a user runs it: its verdict, and what it has drawn.
+#include <sstream>
+
+#include <opencv2/imgproc.hpp>
+
+#include "command_fixture.h"
+#include "device.h"
+
+namespace iclk::test {
+namespace {
+
+/// Pixels of exactly this colour (BGR): terrain has none of the marks' colours.
+cv::Mat marks(const cv::Mat& picture, const cv::Scalar& bgr) {
+  cv::Mat mask;
+  cv::inRange(picture, bgr, bgr, mask);
+  return mask;
+}
+
+const cv::Scalar kGreen(0, 255, 0), kRed(0, 0, 255), kMagenta(255, 0, 255);
+
+TEST(Embed, EveryPoseIsRightAndDrawn) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  const std::string file = folder.path("last.png");
+  const Finished f = run({"--validate", "--frames", "3", "--size", "320x240", "--out", file});
+  EXPECT_EQ(f.code, 0) << f.out << f.err;
+  EXPECT_EQ(f.err.find("validation:"), std::string::npos) << f.err;
+  EXPECT_NE(f.out.find("validation  0 messages"), std::string::npos) << f.out;
+  EXPECT_NE(f.out.find("one frame"), std::string::npos) << f.out;
+
+  // The table: each frame begins pixels away from the truth and ends on it.
+  std::istringstream lines(f.out);
+  int frames = 0;
+  for (std::string line, status; std::getline(lines, line);) {
+    std::istringstream words(line);
+    double number, start, error, metres, degrees;
+    if (!(words >> number >> start >> error >> metres >> degrees >> status)) continue;
+    ++frames;
+    EXPECT_GT(start, 5) << line;
+    EXPECT_LT(error, 0.1) << line;
+    EXPECT_LT(metres, 0.5) << line;
+    EXPECT_EQ(status, "converged") << line;
+  }
+  EXPECT_EQ(frames, 3) << f.out;
+
+  const cv::Mat picture = cv::imread(file);
+  ASSERT_EQ(picture.size(), cv::Size(640, 240));
+  const cv::Mat reference = picture.colRange(0, 320), target = picture.colRange(320, 640);
+  EXPECT_GT(cv::countNonZero(marks(reference, kGreen)), 300) << "a cross has 17 pixels";
+  EXPECT_EQ(cv::countNonZero(marks(reference, kMagenta)), 0);
+  EXPECT_EQ(cv::countNonZero(marks(picture, kRed)), 0) << "red says that the alignment failed";
+  // Around the centre of a ring, which the truth places, lies the centre of a cross, which the result buffer places.
+  cv::Mat crosses = marks(target, kGreen), rings = marks(target, kMagenta);
+  cv::Mat labels, stats, centres;
+  const int count = cv::connectedComponentsWithStats(rings, labels, stats, centres);
+  int whole = 0;
+  for (int i = 1; i < count; ++i) {
+    const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
+                       stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
+    if (box.width < 16 || box.width > 18 || box.height < 16 || box.height > 18) continue;  // cut off, or two that touch
+    ++whole;
+    const cv::Moments m = cv::moments(crosses(box), true);
+    ASSERT_GT(m.m00, 10) << "no cross in the ring at " << box.x << ", " << box.y;
+    EXPECT_NEAR(m.m10 / m.m00, 0.5 * (box.width - 1), 1.1);
+    EXPECT_NEAR(m.m01 / m.m00, 0.5 * (box.height - 1), 1.1);
+  }
+  EXPECT_GE(whole, 15);
+}
+
+TEST(Embed, ErrorsAreSaid) {
+  EXPECT_EQ(run({"--help"}).code, 0);
+  EXPECT_NE(run({"--help"}).out.find("Examples:"), std::string::npos);
+  const Finished size = run({"--size", "320"});
+  EXPECT_EQ(size.code, 2);
+  EXPECT_NE(size.err.find("'320' is not WIDTHxHEIGHT"), std::string::npos) << size.err;
+  EXPECT_EQ(run({"--frames", "0"}).code, 2);
+  ICLK_NEED_DEVICE();
+  const Finished device = run({"--device", "no such device"});
+  EXPECT_EQ(device.code, 2);
+  EXPECT_NE(device.err.find("no such device"), std::string::npos) << device.err;
+}
+
+}  // namespace
+}  // namespace iclk::test
