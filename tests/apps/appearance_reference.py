@@ -8,6 +8,7 @@ its own jitter with torchvision's _functional_tensor.py (which needs torch).
 It shares no code with apps/appearance.cpp, and is what a Python program needs to draw the same changes.
 """
 import importlib.util
+import math
 import sys
 
 import numpy as np
@@ -120,6 +121,41 @@ def draw_jitter(strength, random):
     return order, [random.uniform(low, 1 + strength) for _ in range(3)] + [random.uniform(-h, h)]
 
 
+def draw_shadow(s, r):
+    return dict(x=r.uniform(), y=r.uniform(), angle=r.uniform(0, math.pi), half_length=r.uniform(0.15, 0.6),
+                half_width=r.uniform(0.05, 0.25), softness=r.uniform(0.002, 0.06), darkness=0.85 * s)
+
+
+def draw_flare(s, r):
+    return dict(x=r.uniform(-0.1, 1.1), y=r.uniform(-0.1, 1.1), amount=0.9 * s, radius=r.uniform(0.08, 0.2))
+
+
+def draw_exposure(s, r):
+    sign = r.sign()
+    return dict(stops=sign * 2.5 * s, black=0 if sign > 0 else 0.04 * s)
+
+
+def draw_gamma(s, r):
+    return dict(exponent=(1 + 1.5 * s) if r.sign() > 0 else 1 / (1 + 1.5 * s))
+
+
+SEVERE = [('shadow', draw_shadow), ('vignetting', lambda s, r: dict(fall_off=0.95 * s)), ('flare', draw_flare),
+          ('motion_blur', lambda s, r: dict(length=0.04 * s, angle=r.uniform(0, math.pi))), ('exposure', draw_exposure),
+          ('noise', lambda s, r: dict(sigma=0.06 * s, shot=0.004 * s, seed=r.word())), ('gamma', draw_gamma),
+          ('jpeg', lambda s, r: dict(quality=math.floor(95 - 87 * s + 0.5)))]
+
+
+def draw_severe(strength, random):
+    """-> [(name, parameters)]"""
+    drawn, taken = [], []
+    for name, draw in SEVERE:
+        take, s = random.uniform() < 0.5, strength * random.uniform(0.2, 0.7)
+        drawn.append((name, draw(s, Random(random.word()))))
+        if take:
+            taken.append(drawn[-1])
+    return taken or [drawn[random.below(8)]]
+
+
 def normal(seed, i):
     words = counter_word(seed, 2 * i), counter_word(seed, 2 * i + 1)
     total = sum(word >> shift & 0xFFFF for word in words for shift in (0, 16, 32, 48))
@@ -166,6 +202,10 @@ def main():
     order, factors = draw_jitter(0.4, Random(appearance_seed(7, '000012', 3, 1)))
     print('constexpr int kOrder[] = {%s};' % ', '.join(map(str, order)))
     print('constexpr double kFactors[] = {%s};' % ', '.join('%.17g' % f for f in factors))
+    severe = [c for variant in range(6) for c in draw_severe(0.9, Random(appearance_seed(7, '000012', variant, 0)))]
+    print('// Of severe:0.9, seed 7, pair 000012, reference, variants 0 to 5: names, and all parameters in their order.')
+    print('constexpr const char* kSevere[] = {%s};' % ', '.join('"%s"' % name for name, _ in severe))
+    print('constexpr double kSevereNumbers[] = {%s};' % ', '.join('%.17g' % v for _, p in severe for v in p.values()))
     print('constexpr double kNormals[] = {%s};' % ', '.join('%.17g' % normal(99, i) for i in range(6)))
     print('\n}  // namespace iclk::expected')
 

@@ -189,6 +189,24 @@ TEST(AppearanceDraw, TheGeneratorIsTheDocumentedOne) {
   EXPECT_DOUBLE_EQ(jitter.hue, expected::kFactors[3]);
 }
 
+TEST(AppearanceDraw, SevereDrawsWhatPythonDraws) {
+  std::vector<std::string> names;
+  std::vector<double> numbers;
+  for (int variant = 0; variant < 6; ++variant)
+    for (const Change& change : draw_changes({"severe", 0.9}, appearance_seed(7, "000012", variant, Side::reference))) {
+      const auto json = to_json(change);
+      for (const auto& [key, value] : json.items())
+        if (key == "change")
+          names.push_back(value);
+        else
+          numbers.push_back(value);
+    }
+  EXPECT_EQ(names, std::vector<std::string>(std::begin(expected::kSevere), std::end(expected::kSevere)));
+  ASSERT_EQ(numbers.size(), std::size(expected::kSevereNumbers));
+  for (size_t i = 0; i < numbers.size(); ++i) EXPECT_DOUBLE_EQ(numbers[i], expected::kSevereNumbers[i]) << i;
+  EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(), 8u) << "the six variants have every kind";
+}
+
 TEST(AppearanceDraw, FactorsFillTheirRangeAndOrdersAreAllDrawn) {
   std::set<std::array<int, 4>> orders;
   double least = 9, most = 0, hue = 0;
