@@ -170,34 +170,54 @@ class Level:
         return out.view(-1, 1, self.height, self.width)
 
 
+def sparse_level(maps0, maps1, camera, uv, q, level, pixels='mask'):
+    """Template of one level over the pixels of the patches, or over whole maps."""
+    h, w = maps0[level].shape[-2:]
+    index, depth = mask_pixels(uv, q, w, h, level)
+    if pixels == 'all':
+        depth = torch.zeros(uv.shape[0], h * w, dtype=q.dtype, device=q.device).scatter_add_(1, index, depth)
+        index = torch.arange(h * w, device=q.device).expand(uv.shape[0], -1)
+    return Level(maps0[level], maps1[level], index, depth, camera, level)
+
+
+def level_weights(m_estimator, L, r, warped, seen, coarser=None):
+    """Weights of the pixels at the residual with which a level starts, and as a map for the next finer one (None without an
+    M-estimator)."""
+    if m_estimator is None:
+        return seen, None
+    mask = L.whole(seen)
+    prior = torch.ones_like(mask) if coarser is None else F.interpolate(coarser, mask.shape[-2:], mode='bilinear',
+                                                                        align_corners=False)
+    weight = m_estimator(torch.cat([L.whole(r.abs()), L.whole(L.f0 * seen), L.whole(warped), prior * mask], 1)) * mask
+    return weight.flatten(1).gather(1, L.index), weight
+
+
+def normal_equations(L, r, weights, damping):
+    """H, damped, and g of sum w r^2."""
+    WJ = L.J * weights[..., None]
+    H = L.J.transpose(1, 2) @ WJ
+    return H + damping * torch.diag_embed(H.diagonal(dim1=1, dim2=2)), (WJ.transpose(1, 2) @ r[..., None])[..., 0]
+
+
+def move(R, t, xi):
+    """T_10 <- T_10 Exp(xi)^-1"""
+    dR, dt = se3_exp(-xi)
+    return R @ dR, (R @ dt[..., None])[..., 0] + t
+
+
 def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask'):
-    """T_10 as (R, t) of B pairs: maps finest first, features (B, N, 2) and their inverse depths (B, N)."""
+    """T_10 as (R, t) of B pairs: maps finest first, features (B, N, 2) and their inverse depths (B, N); camera: fx, fy, cx, cy,
+    numbers or tensors (B, 1)."""
     B, dtype, device = uv.shape[0], maps0[0].dtype, uv.device
     R, t = torch.eye(3, dtype=dtype, device=device).repeat(B, 1, 1), torch.zeros(B, 3, dtype=dtype, device=device)
-    weight = None
+    weight_map = None
     for level in reversed(range(len(maps0))):
-        h, w = maps0[level].shape[-2:]
-        index, depth = mask_pixels(uv, q, w, h, level)
-        if pixels == 'all':
-            depth = torch.zeros(B, h * w, dtype=dtype, device=device).scatter_add_(1, index, depth)
-            index = torch.arange(h * w, device=device).expand(B, -1)
-        L = Level(maps0[level], maps1[level], index, depth, camera, level)
+        L = sparse_level(maps0, maps1, camera, uv, q, level, pixels)
         r, warped, seen = L.residual(R, t)
-        weights = seen
-        if network.m_estimator is not None:
-            prior = torch.ones_like(maps0[level]) if weight is None else F.interpolate(
-                weight, (h, w), mode='bilinear', align_corners=False)
-            mask = L.whole(seen)
-            weight = network.m_estimator(torch.cat([L.whole(r.abs()), L.whole(L.f0 * seen), L.whole(warped), prior * mask], 1))
-            weight = weight * mask
-            weights = weight.flatten(1).gather(1, L.index)
+        weights, weight_map = level_weights(network.m_estimator, L, r, warped, seen, weight_map)
         for _ in range(iterations):
-            WJ = L.J * (weights * seen)[..., None]
-            H, g = L.J.transpose(1, 2) @ WJ, WJ.transpose(1, 2) @ r[..., None]
-            H = H + damping * torch.diag_embed(H.diagonal(dim1=1, dim2=2))
-            dR, dt = se3_exp(-torch.linalg.solve(H, g)[..., 0])
-            t = (R @ dt[..., None])[..., 0] + t  # T_10 <- T_10 Exp(xi)^-1
-            R = R @ dR
+            H, g = normal_equations(L, r, weights * seen, damping)
+            R, t = move(R, t, torch.linalg.solve(H, g))
             r, _, seen = L.residual(R, t)
     return R, t
 
