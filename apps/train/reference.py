@@ -118,13 +118,21 @@ def mask_pixels(uv, q, width, height, level):
 
 
 def se3_exp(xi):
-    """(B, 6) twists [rho, phi] -> rotations and translations, through the 4x4 matrix exponential."""
-    a = torch.zeros(xi.shape[0], 4, 4, dtype=xi.dtype, device=xi.device)
-    x, y, z = xi[:, 3], xi[:, 4], xi[:, 5]
-    a[:, 0, 1], a[:, 0, 2], a[:, 1, 0], a[:, 1, 2], a[:, 2, 0], a[:, 2, 1] = -z, y, z, -x, -y, x
-    a[:, :3, 3] = xi[:, :3]
-    T = torch.matrix_exp(a)
-    return T[:, :3, :3], T[:, :3, 3]
+    """(B, 6) twists [rho, phi] -> rotations and translations. Series where the angle is small, so that derivatives are finite
+    at zero."""
+    rho, phi = xi[:, :3], xi[:, 3:]
+    s = (phi * phi).sum(-1)[:, None, None]
+    small = s < 1e-2
+    safe = torch.where(small, torch.ones_like(s), s)
+    angle = safe.sqrt()
+    a = torch.where(small, 1 - s / 6 * (1 - s / 20 * (1 - s / 42)), torch.sin(angle) / angle)
+    b = torch.where(small, 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56)), (1 - torch.cos(angle)) / safe)
+    c = torch.where(small, 1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72)), (angle - torch.sin(angle)) / (safe * angle))
+    x, y, z = phi.unbind(-1)
+    o = torch.zeros_like(x)
+    W = torch.stack([o, -z, y, z, o, -x, -y, x, o], -1).view(-1, 3, 3)
+    WW, eye = W @ W, torch.eye(3, dtype=xi.dtype, device=xi.device)
+    return eye + a * W + b * WW, ((eye + b * W + c * WW) @ rho[..., None])[..., 0]
 
 
 class Level:
@@ -205,7 +213,7 @@ def move(R, t, xi):
     return R @ dR, (R @ dt[..., None])[..., 0] + t
 
 
-def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask'):
+def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask', solve=torch.linalg.solve):
     """T_10 as (R, t) of B pairs: maps finest first, features (B, N, 2) and their inverse depths (B, N); camera: fx, fy, cx, cy,
     numbers or tensors (B, 1)."""
     B, dtype, device = uv.shape[0], maps0[0].dtype, uv.device
@@ -217,7 +225,7 @@ def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pix
         weights, weight_map = level_weights(network.m_estimator, L, r, warped, seen, weight_map)
         for _ in range(iterations):
             H, g = normal_equations(L, r, weights * seen, damping)
-            R, t = move(R, t, torch.linalg.solve(H, g))
+            R, t = move(R, t, solve(H, g))
             r, _, seen = L.residual(R, t)
     return R, t
 
