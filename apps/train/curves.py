@@ -81,8 +81,8 @@ def svg(title, rows, baselines, last_step):
     width, height = LEFT + 2 * WIDTH + GAP + 20, TOP + HEIGHT + 70
     for i, part in enumerate(['training', *parts]):
         body.append(f'<text x="{LEFT + 90 * i}" y="{height - 10}" fill="{COLOURS[part]}">&#8212; {part}</text>')
-    body.append(f'<text x="{width - 20}" y="{height - 10}" text-anchor="end">{escape(title)}; initial: no motion; classical: grey '
-                'pyramid, unit weights</text>')
+    body.append(f'<text x="{width - 20}" y="{height - 10}" text-anchor="end">{escape(title)}; initial: no motion; classical: '
+                'grey pyramid, unit weights</text>')
     return (f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
             'font-family="sans-serif" font-size="12"><rect width="100%" height="100%" fill="white"/>\n'
             + '\n'.join(body) + '\n</svg>\n')

@@ -16,7 +16,8 @@ from recipe import InputError
 from reference import PATCH
 
 DEPTH_SPREAD = 0.05  # of a feature's patch, apps/detect.cpp: one depth must hold for it
-KEYS = {'id', 'reference', 'target', 'depth', 'features', 'depth_scale', 'camera', 'distortion', 'initial_pose', 'truth', 'meta'}
+KEYS = {'id', 'reference', 'target', 'depth', 'features', 'depth_scale', 'camera', 'distortion', 'initial_pose', 'truth',
+        'meta'}
 SIDES = (appearance.REFERENCE, appearance.TARGET)
 
 
@@ -83,8 +84,8 @@ class PairSet:
             with open(manifest, encoding='utf-8') as file:
                 lines = file.read().splitlines()
         except (OSError, UnicodeDecodeError) as e:
-            raise InputError(f'{manifest}: {getattr(e, "strerror", e)}; a set is a folder that `iclk render --pairs` wrote, or a '
-                             'manifest of `iclk batch` with depth and truth') from None
+            raise InputError(f'{manifest}: {getattr(e, "strerror", e)}; a set is a folder that `iclk render --pairs` wrote, '
+                             'or a manifest of `iclk batch` with depth and truth') from None
         self.pairs = [parse_line(f'{manifest}:{i + 1}', line, self.folder) for i, line in enumerate(lines) if line.strip()]
         if not self.pairs:
             raise InputError(f'{manifest}: no pair in it; `iclk render --pairs` adds some')
@@ -200,8 +201,8 @@ def make_sample(pair, recipe, rng, variant, centred):
     v, u = np.mgrid[grid // 2:depth.shape[0]:grid, grid // 2:depth.shape[1]:grid]
     rays = np.stack([(u - camera[2]) / camera[0], (v - camera[3]) / camera[1], np.ones_like(z)], -1)
     levels = len(recipe['model']['encoder_channels'])
-    sample = {'images': np.stack(images).transpose(0, 3, 1, 2), 'camera': camera, 'uv': uv, 'q': q, 'R': pair['R'], 't': pair['t'],
-              'points': (rays * z[..., None]).reshape(-1, 3), 'valid': z.reshape(-1) > 0,
+    sample = {'images': np.stack(images).transpose(0, 3, 1, 2), 'camera': camera, 'uv': uv, 'q': q,
+              'R': pair['R'], 't': pair['t'], 'points': (rays * z[..., None]).reshape(-1, 3), 'valid': z.reshape(-1) > 0,
               'start': rng.uniform(-1, 1, (levels, 6)), 'identity': rng.uniform()}
     return {key: torch.from_numpy(np.array(value, dtype=np.float32)) for key, value in sample.items()}
 

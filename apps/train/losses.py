@@ -112,8 +112,8 @@ def identity(batch):
 
 
 def start_pose(batch, level, levels, motion, recipe):
-    """The truth, moved by as much as a level must mend: 1/16 of 1.5 times the set's motion on the finest, twice that on the next.
-    The coarsest one starts from no motion, as alignments do, or from the truth moved by a part of the set's motion."""
+    """The truth, moved by as much as a level must mend: 1/16 of 1.5 times the set's motion on the finest, twice that on the
+    next. The coarsest one starts from no motion, as alignments do, or from the truth moved by a part of the set's motion."""
     loss, coarsest = recipe['loss'], level == levels - 1
     share = loss['coarse_motion'] if coarsest else 1.5 * 2.0 ** (level - 4)
     inverse_depth = batch['q'].mean(1, keepdim=True)

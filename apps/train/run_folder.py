@@ -6,6 +6,7 @@
     last.safetensors         those of the last validation
 """
 import fcntl
+import json
 import os
 import zipfile
 
@@ -14,6 +15,7 @@ import torch
 from recipe import InputError
 
 FORMAT = 'iclk-training-1'
+TENSORS = ('network', 'optimizer')
 
 
 def write_whole(path, write):
@@ -52,8 +54,12 @@ class RunFolder:
         return os.path.join(self.path, name)
 
     def save(self, state):
-        write_whole(self.file('checkpoint.new.pt'), lambda temporary: torch.save({'format': FORMAT, **state}, temporary))
-        if os.path.exists(self.file('checkpoint.pt')):
+        tensors = {key: value for key, value in state.items() if key in TENSORS}
+        # The rest as text: what PyTorch 1.13 reads without running code that is in the file has no floats.
+        rest = json.dumps({key: value for key, value in state.items() if key not in TENSORS})
+        write_whole(self.file('checkpoint.new.pt'),
+                    lambda temporary: torch.save({'format': FORMAT, 'rest': rest, **tensors}, temporary))
+        if os.path.exists(self.file('checkpoint.pt')):  # a run that is killed here finds the new one
             os.replace(self.file('checkpoint.pt'), self.file('checkpoint.previous.pt'))
         os.replace(self.file('checkpoint.new.pt'), self.file('checkpoint.pt'))
 
@@ -72,7 +78,7 @@ def load_checkpoint(path):
         state = torch.load(path, map_location='cpu', weights_only=True)
         if not isinstance(state, dict) or state.get('format') != FORMAT:
             raise ValueError(f'its format is not {FORMAT}')
-        return state
+        return {**json.loads(state.pop('rest')), **state}
     except Exception as e:  # torch raises RuntimeError, UnpicklingError, EOFError, KeyError, ...
         why = str(e).splitlines()[0] if str(e) else type(e).__name__
         folder = os.path.dirname(path)

@@ -60,7 +60,7 @@ class Trainer:
     # ------------------------------------------------------------------------- state
     def state(self):
         return {'recipe': self.recipe, 'data': self.data, 'step': self.step, 'network': self.network.state_dict(),
-                'optimizer': self.optimizer.state_dict(), 'rows': self.rows, 'best': self.best, 'seconds': self.seconds,
+                'optimizer': self.optimizer.state_dict()['state'], 'rows': self.rows, 'best': self.best, 'seconds': self.seconds,
                 'sum': self.sum, 'count': self.count, 'skipped': self.skipped, 'baselines': self.baselines}
 
     def restore(self, state):
@@ -69,11 +69,12 @@ class Trainer:
         if changed:
             raise InputError(f'{where}: began with another recipe: {changed}; give the same one, or another --out')
         if state['data']['hash'] != self.data['hash']:
-            counts = [', '.join(f'{d[part]} {part}' for part in ('training', 'validation', 'test')) for d in (state['data'], self.data)]
-            raise InputError(f'{where}: began with other pairs ({counts[0]}; now {counts[1]}); give the same sets in the same order, '
-                             'or another --out')
+            counts = [', '.join(f'{d[part]} {part}' for part in ('training', 'validation', 'test'))
+                      for d in (state['data'], self.data)]
+            raise InputError(f'{where}: began with other pairs ({counts[0]}; now {counts[1]}); give the same sets in the same '
+                             'order, or another --out')
         self.network.load_state_dict(state['network'])
-        self.optimizer.load_state_dict(state['optimizer'])
+        self.optimizer.load_state_dict({**self.optimizer.state_dict(), 'state': state['optimizer']})
         for key in ('step', 'rows', 'best', 'seconds', 'sum', 'count', 'skipped', 'baselines'):
             setattr(self, key, state[key])
 
@@ -159,8 +160,8 @@ class Trainer:
         else:
             self.skipped += 1
             if self.skipped >= MOST_SKIPPED:
-                raise InputError(f'{MOST_SKIPPED} steps in a row had no finite gradient, the last at step {self.step}; go on with a '
-                                 'lower optimizer.learning_rate from a checkpoint (--init)')
+                raise InputError(f'{MOST_SKIPPED} steps in a row had no finite gradient, the last at step {self.step}; go on '
+                                 'with a lower optimizer.learning_rate from a checkpoint (--init)')
         self.step += 1
         return value
 
@@ -169,8 +170,9 @@ class Trainer:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self.stop)
         d = self.data
-        self.say(f'recipe {self.recipe["name"]}: {sum(p.numel() for p in self.network.parameters())} parameters, {d["training"]} '
-                 f'training, {d["validation"]} validation, {d["test"]} test pairs; {self.steps} steps on {self.device}'
+        parameters = sum(p.numel() for p in self.network.parameters())
+        self.say(f'recipe {self.recipe["name"]}: {parameters} parameters, {d["training"]} training, {d["validation"]} validation, '
+                 f'{d["test"]} test pairs; {self.steps} steps on {self.device}'
                  + (f', going on at step {self.step}' if self.step else ''), keep=True)
         begin = saved = shown = time.monotonic()
         first, mean = self.step, None
@@ -227,6 +229,7 @@ def in_turn(sets):
 
 def export_model(network, path, recipe, data, step, name=None, licence=None):
     provenance = (f'trained by iclk apps/train, recipe {recipe["name"]}, {step} steps of {recipe["data"]["batch"]} pairs, '
-                  f'appearance {", ".join(recipe["data"]["appearance"])}, on {data["training"]} pairs of {data["about"]}')
+                  f'appearance {", ".join(recipe["data"]["appearance"])}, on {data["training"]} pairs of '
+                  f'{data["about"]}')
     export(network, path, name or recipe['name'], licence or recipe['export']['licence'], provenance[:2000],
            recipe['export']['iterations'], recipe['export']['damping'])
