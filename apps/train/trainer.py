@@ -60,8 +60,8 @@ class Trainer:
     # ------------------------------------------------------------------------- state
     def state(self):
         return {'recipe': self.recipe, 'data': self.data, 'step': self.step, 'network': self.network.state_dict(),
-                'optimizer': self.optimizer.state_dict()['state'], 'rows': self.rows, 'best': self.best, 'seconds': self.seconds,
-                'sum': self.sum, 'count': self.count, 'skipped': self.skipped, 'baselines': self.baselines}
+                'optimizer': self.optimizer.state_dict()['state'], 'rows': self.rows, 'best': self.best,
+                'seconds': self.seconds, 'sum': self.sum, 'count': self.count, 'skipped': self.skipped, 'baselines': self.baselines}
 
     def restore(self, state):
         where = self.folder.path
@@ -171,8 +171,8 @@ class Trainer:
             signal.signal(number, self.stop)
         d = self.data
         parameters = sum(p.numel() for p in self.network.parameters())
-        self.say(f'recipe {self.recipe["name"]}: {parameters} parameters, {d["training"]} training, {d["validation"]} validation, '
-                 f'{d["test"]} test pairs; {self.steps} steps on {self.device}'
+        self.say(f'recipe {self.recipe["name"]}: {parameters} parameters, {d["training"]} training, '
+                 f'{d["validation"]} validation, {d["test"]} test pairs; {self.steps} steps on {self.device}'
                  + (f', going on at step {self.step}' if self.step else ''), keep=True)
         begin = saved = shown = time.monotonic()
         first, mean = self.step, None

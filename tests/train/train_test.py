@@ -132,8 +132,9 @@ class Training(unittest.TestCase):
             with torch.no_grad():
                 R, t = align(network, *losses.maps_of(network, batch), losses.camera_of(batch), batch['uv'], batch['q'])
             camera = ','.join(str(x) for x in pair['camera'])
-            found = subprocess.run([ICLK, 'align', pair['reference'], pair['target'], '--features', features, '--camera', camera,
-                                    '--model', model, '--json', '--no-refine', '--search', 'off'], capture_output=True, text=True)
+            command = [ICLK, 'align', pair['reference'], pair['target'], '--features', features, '--camera', camera,
+                       '--model', model, '--json', '--no-refine', '--search', 'off']
+            found = subprocess.run(command, capture_output=True, text=True)
             T = np.array(json.loads(found.stdout)['stages'][0]['T_10'])
             scene = 1 / float(batch['q'].mean())
             np.testing.assert_allclose(T[:3, :3], R[0], atol=1e-4)
