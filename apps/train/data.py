@@ -19,6 +19,7 @@ DEPTH_SPREAD = 0.05  # of a feature's patch, apps/detect.cpp: one depth must hol
 KEYS = {'id', 'reference', 'target', 'depth', 'features', 'depth_scale', 'camera', 'distortion', 'initial_pose', 'truth',
         'meta'}
 SIDES = (appearance.REFERENCE, appearance.TARGET)
+cv2.setNumThreads(1)  # reading ahead takes processes
 
 
 # ----------------------------------------------------------------------------- manifests

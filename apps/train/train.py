@@ -90,7 +90,8 @@ def main():
             return write_pairs(args.recording, args.out, args.stride)
         return run_command(args) if args.command == 'run' else export_command(args)
     except InputError as e:
-        print(f'train.py: {e}', file=sys.stderr)
+        # From a process that reads ahead, the message comes behind its traceback.
+        print(f'train.py: {str(e).splitlines()[-1].replace("recipe.InputError: ", "")}', file=sys.stderr)
         return 3
 
 

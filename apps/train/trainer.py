@@ -23,6 +23,12 @@ def duration(seconds):
     return f'{minutes // 60} h {minutes % 60:02d} min' if minutes >= 60 else f'{minutes} min {int(seconds % 60):02d} s'
 
 
+def plain_signals(worker):
+    """What reads ahead leaves Ctrl-C to the trainer, and ends when it is told to."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
 class Trainer:
     def __init__(self, recipe, sets, tests, out, device='cpu', workers=0, init=None):
         self.recipe, self.device, self.workers = recipe, device, workers
@@ -61,7 +67,8 @@ class Trainer:
     def state(self):
         return {'recipe': self.recipe, 'data': self.data, 'step': self.step, 'network': self.network.state_dict(),
                 'optimizer': self.optimizer.state_dict()['state'], 'rows': self.rows, 'best': self.best,
-                'seconds': self.seconds, 'sum': self.sum, 'count': self.count, 'skipped': self.skipped, 'baselines': self.baselines}
+                'seconds': self.seconds, 'sum': self.sum, 'count': self.count, 'skipped': self.skipped,
+                'baselines': self.baselines}
 
     def restore(self, state):
         where = self.folder.path
@@ -142,7 +149,7 @@ class Trainer:
     # ------------------------------------------------------------------------- steps
     def loader(self, dataset, items):
         return torch.utils.data.DataLoader(dataset, batch_size=None, sampler=items, num_workers=self.workers,
-                                           pin_memory=self.device == 'cuda')
+                                           worker_init_fn=plain_signals, pin_memory=self.device == 'cuda')
 
     def train_step(self, batch):
         for group in self.optimizer.param_groups:

@@ -10,6 +10,7 @@ import time
 import unittest
 import xml.etree.ElementTree
 
+import cv2
 import numpy as np
 import torch
 
@@ -17,7 +18,7 @@ from common import ICLK, lines_of, render, train, train_command, write_recipe
 
 import losses
 import recipe
-from data import PairSet, make_sample
+from data import PairSet, make_sample, read_pair
 from network import TrainedNetwork, export
 from reference import Network, align
 from run_folder import load_checkpoint
@@ -214,9 +215,38 @@ class Training(unittest.TestCase):
             self.assertIn('render the set again', said)
             shutil.rmtree(os.path.join(broken, name))
             shutil.copytree(os.path.join(self.set, name), os.path.join(broken, name))
-        self.assertIn('does not exist', self.refused(*run[:3], '--data', self.file('nothing'), *run[5:]) + 'does not exist')
+        self.assertIn('nothing: No such file', self.refused(*run[:3], '--data', self.file('nothing'), *run[5:]))
         said = self.refused(*run, '--set', 'data.crop=[400,300]')
         self.assertIn('is 188x120, smaller than the crop of 400x300', said)
+
+    def test_a_recording_becomes_pairs(self):
+        folder, line = self.file('recording'), lines_of(self.set)[0]
+        os.mkdir(folder)
+        depth = cv2.imread(os.path.join(self.set, line['depth']), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(os.path.join(folder, 'depth.png'), np.rint(depth * 100).astype(np.uint16))
+        lists = {'rgb.txt': '# time file\n', 'depth.txt': '', 'groundtruth.txt': '',
+                 'camera.txt': '# fx fy cx cy width height scale\n'}
+        for time_, name, T in ((1.0, 'reference', line['meta']['T_W0']), (2.0, 'target', line['meta']['T_W1'])):
+            T = np.array(T)
+            axis = cv2.Rodrigues(T[:3, :3])[0][:, 0]
+            angle = np.linalg.norm(axis)
+            q = [*np.sin(angle / 2) * axis / angle, np.cos(angle / 2)]
+            lists['rgb.txt'] += f'{time_} {os.path.join(self.set, line[name])}\n'
+            lists['depth.txt'] += f'{time_ + 0.01} depth.png\n'
+            lists['groundtruth.txt'] += f'{time_ - 0.02} ' + ' '.join(f'{x:.12g}' for x in [*T[:3, 3], *q]) + '\n'
+        lists['camera.txt'] += ' '.join(map(str, line['camera'])) + ' 188 120 100\n'
+        for name, text in lists.items():
+            with open(os.path.join(folder, name), 'w', encoding='utf-8') as file:
+                file.write(text)
+        manifest = self.file('recorded.jsonl')
+        done = train('pairs', folder, '--stride', '1', '--out', manifest)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        (pair,), rendered = PairSet(manifest).pairs, PairSet(self.set).pairs[0]
+        np.testing.assert_allclose(pair['R'], rendered['R'], atol=1e-9)
+        np.testing.assert_allclose(pair['t'], rendered['t'], atol=1e-6)
+        np.testing.assert_allclose(read_pair(pair)[1], depth, atol=0.006)
+        os.remove(os.path.join(folder, 'groundtruth.txt'))
+        self.assertIn('groundtruth.txt: No such file', self.refused('pairs', folder, '--out', manifest))
 
     def test_a_broken_checkpoint_is_named(self):
         folder = shutil.copytree(self.file('whole'), self.file('cut'))
