@@ -37,8 +37,8 @@ class Trainer:
         self.training, validation = split(sets, recipe['data']['validation_share'])
         fixed = {'validation': validation, 'test': [pair for s in in_turn(tests) for pair in s]}
         self.fixed = {part: FixedBatches(pairs, recipe, part) for part, pairs in fixed.items() if pairs}
-        names = [[p['id'], p['reference']] for p in self.training + validation + fixed['test']]
-        self.data = {'hash': hashlib.sha256(repr(names).encode()).hexdigest(), 'training': len(self.training),
+        all_pairs = [[p['id'], p['R'].tolist(), p['t'].tolist()] for p in self.training + validation + fixed['test']]
+        self.data = {'hash': hashlib.sha256(repr(all_pairs).encode()).hexdigest(), 'training': len(self.training),
                      'validation': len(validation), 'test': len(fixed['test']), 'about': ', '.join(s.about for s in sets)}
         self.motion = motion(self.training)
         batch, schedule = recipe['data']['batch'], recipe['schedule']
@@ -132,8 +132,8 @@ class Trainer:
             self.best = row['validation_loss']
             self.export('model.safetensors')
         self.save()
-        self.say(f'step {self.step}: training loss {row["training_loss"]:.4f}; '
-                 + '; '.join(f'{part} loss {row[part + "_loss"]:.4f}, median {row[part + "_median_px"]:.3g} px, '
+        trained = f'training loss {row["training_loss"]:.4f}; ' if self.step else ''
+        self.say(f'step {self.step}: {trained}' + '; '.join(f'{part} loss {row[part + "_loss"]:.4f}, median {row[part + "_median_px"]:.3g} px, '
                              f'{100 * row[part + "_below_1px"]:.0f} % under 1 px' for part in self.fixed), keep=True)
 
     def export(self, name):
