@@ -133,8 +133,9 @@ class Trainer:
             self.export('model.safetensors')
         self.save()
         trained = f'training loss {row["training_loss"]:.4f}; ' if self.step else ''
-        self.say(f'step {self.step}: {trained}' + '; '.join(f'{part} loss {row[part + "_loss"]:.4f}, median {row[part + "_median_px"]:.3g} px, '
-                             f'{100 * row[part + "_below_1px"]:.0f} % under 1 px' for part in self.fixed), keep=True)
+        parts = (f'{part} loss {row[part + "_loss"]:.4f}, median {row[part + "_median_px"]:.3g} px, '
+                 f'{100 * row[part + "_below_1px"]:.0f} % under 1 px' for part in self.fixed)
+        self.say(f'step {self.step}: {trained}{"; ".join(parts)}', keep=True)
 
     def export(self, name):
         export_model(self.network, self.folder.file(name), self.recipe, self.data, self.step)
