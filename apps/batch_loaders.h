@@ -17,10 +17,10 @@ class LoaderCache {
 
   /// Reads what a line asks for. Throws Error "<manifest>:<line>: ...".
   DecodedPair load(const Manifest& manifest, const ManifestLine& line) const;
-
- private:
+  /// What loads the pairs of a line's camera.
   std::shared_ptr<const PairLoader> loader(const PairRequest& request) const;
 
+ private:
   LoadOptions defaults_;
   mutable std::mutex mutex_;
   mutable std::map<std::string, std::shared_ptr<const PairLoader>> loaders_;

@@ -26,6 +26,7 @@ int run(int argc, char** argv) {
   iclk::add_demo(app, exit);
   iclk::add_devices(app, exit);
   iclk::add_bench(app, exit);
+  iclk::add_eval(app, exit);
   iclk::add_model(app, exit);
   iclk::add_render(app, exit);
   try {

@@ -45,13 +45,17 @@ PeerAnswer solve_pnp(const Correspondences& c, const Camera& camera) {
 
 class Iclk final : public PeerMethod {
  public:
-  Iclk(const IclkSettings& settings, bool refine)
-      : PeerMethod("iclk", refine ? "iclk + refine" : "iclk"), settings_(settings), refine_(refine) {}
+  Iclk(const IclkSettings& settings, bool refine, const std::string& name)
+      : PeerMethod("iclk", !name.empty() ? name
+                           : refine      ? "iclk + refine"
+                                         : "iclk"),
+        settings_(settings),
+        refine_(refine) {}
 
   PeerAnswer run(const PeerPair& pair) override {
     prepare(pair);
     aligner_->set_reference(0, {view(pair.image_0), pair.camera, pair.features, {}});
-    const Pair work{0, view(pair.image_1), {}, {}};
+    const Pair work{0, view(pair.image_1), pair.start, {}};
     if (refiner_) {
       const RefinedAlignment result = refiner_->align(work);
       return {true, result.converged(), result.T_10};
@@ -133,15 +137,16 @@ class KltPnp final : public PeerMethod {
   }
 };
 
-class SiftPnp final : public PeerMethod {
+class DescriptorPnp final : public PeerMethod {
  public:
-  SiftPnp() : PeerMethod("SIFT", "SIFT + PnP"), sift_(cv::SIFT::create()), matcher_(cv::NORM_L2) {}
+  DescriptorPnp(const std::string& name, cv::Ptr<cv::Feature2D> detector, int norm)
+      : PeerMethod(name, name + " + PnP"), detector_(std::move(detector)), matcher_(norm) {}
 
   PeerAnswer run(const PeerPair& pair) override {
     std::vector<cv::KeyPoint> keypoints_0, keypoints_1;
     cv::Mat descriptors_0, descriptors_1;
-    sift_->detectAndCompute(pair.grey_0, cv::noArray(), keypoints_0, descriptors_0);
-    sift_->detectAndCompute(pair.grey_1, cv::noArray(), keypoints_1, descriptors_1);
+    detector_->detectAndCompute(pair.grey_0, cv::noArray(), keypoints_0, descriptors_0);
+    detector_->detectAndCompute(pair.grey_1, cv::noArray(), keypoints_1, descriptors_1);
     if (descriptors_0.rows < 4 || descriptors_1.rows < 2) return {};
     std::vector<std::vector<cv::DMatch>> matches;
     matcher_.knnMatch(descriptors_0, descriptors_1, matches, 2);
@@ -157,17 +162,20 @@ class SiftPnp final : public PeerMethod {
   }
 
  private:
-  cv::Ptr<cv::SIFT> sift_;
+  cv::Ptr<cv::Feature2D> detector_;
   cv::BFMatcher matcher_;
 };
 
 }  // namespace
 
-std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine) {
-  return std::make_unique<Iclk>(settings, refine);
+std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine, const std::string& name) {
+  return std::make_unique<Iclk>(settings, refine, name);
 }
 std::unique_ptr<PeerMethod> make_rgbd_odometry(int threads) { return std::make_unique<RgbdOdometry>(threads); }
 std::unique_ptr<PeerMethod> make_klt_pnp() { return std::make_unique<KltPnp>(); }
-std::unique_ptr<PeerMethod> make_sift_pnp() { return std::make_unique<SiftPnp>(); }
+std::unique_ptr<PeerMethod> make_sift_pnp() { return std::make_unique<DescriptorPnp>("SIFT", cv::SIFT::create(), cv::NORM_L2); }
+std::unique_ptr<PeerMethod> make_orb_pnp() {
+  return std::make_unique<DescriptorPnp>("ORB", cv::ORB::create(1000), cv::NORM_HAMMING);
+}
 
 }  // namespace iclk

@@ -20,6 +20,7 @@ struct PeerPair {
   Camera camera;
   Features features;  ///< of image 0
   SE3 T_10;           ///< truth
+  SE3 start;          ///< first guess, of iclk alone: the others start from no motion
 };
 
 struct PeerAnswer {
@@ -50,7 +51,8 @@ struct IclkSettings {
   std::shared_ptr<const Model> model;  ///< null: the classical mode
   RefinerOptions refiner;
 };
-std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine);
+/// `name`: in tables; empty: "iclk + refine" or "iclk".
+std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine, const std::string& name = {});
 
 /// cv::rgbd::RgbdOdometry, all settings its own: every pixel with depth of both images, four levels.
 /// `threads`: of OpenCV while it runs; 0: OpenCV's own choice.
@@ -63,5 +65,8 @@ std::unique_ptr<PeerMethod> make_klt_pnp();
 /// cv::SIFT in both images, brute-force matches that pass the ratio test 0.75, depth of image 0 there, and the same
 /// solvePnPRansac.
 std::unique_ptr<PeerMethod> make_sift_pnp();
+
+/// The same with cv::ORB (1000 features) and Hamming distances.
+std::unique_ptr<PeerMethod> make_orb_pnp();
 
 }  // namespace iclk

@@ -7,40 +7,12 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "apps/drawing.h"
 #include "apps/metrics.h"
 #include "apps/report.h"
 
 namespace iclk {
 namespace {
-
-constexpr int kPanelWidth = 960;  // px, at least, so that marks and text stay readable
-const cv::Scalar kPaper(32, 30, 28), kInk(235, 235, 235), kFaint(165, 165, 165), kAlarm(80, 90, 255);
-
-int zoom_of(const cv::Mat& image) { return std::clamp((kPanelWidth + image.cols - 1) / std::max(image.cols, 1), 1, 16); }
-
-cv::Mat enlarged(const cv::Mat& image, int zoom, int how = cv::INTER_LINEAR) {
-  cv::Mat out;
-  cv::resize(image, out, {}, zoom, zoom, how);
-  return out;
-}
-
-/// Letters and marks of a picture grow with its width: it is looked at as a whole, whatever its pixels.
-struct Pen {
-  double scale;  ///< 1 for a picture of 1280 px
-
-  explicit Pen(int width) : scale(std::clamp(width / 1280.0, 0.75, 8.0)) {}
-  int px(double length) const { return std::max(1, static_cast<int>(std::lround(length * scale))); }
-  double font() const { return 0.62 * scale; }
-  int thickness() const { return px(1.2); }
-
-  void text(cv::Mat& canvas, const std::string& words, cv::Point at, const cv::Scalar& colour = kInk) const {
-    cv::putText(canvas, words, at, cv::FONT_HERSHEY_SIMPLEX, font(), colour, thickness(), cv::LINE_AA);
-  }
-  int width(const std::string& words) const {
-    int below = 0;
-    return cv::getTextSize(words, cv::FONT_HERSHEY_SIMPLEX, font(), thickness(), &below).width;
-  }
-};
 
 std::string format(const char* pattern, auto... values) {
   char line[256];
@@ -48,52 +20,11 @@ std::string format(const char* pattern, auto... values) {
   return line;
 }
 
-/// A title above and room for a legend below.
-cv::Mat framed(const cv::Mat& panel, const Pen& pen, const std::string& title, const cv::Scalar& colour, int legend_height) {
-  const int top = pen.px(34);
-  cv::Mat canvas(panel.rows + top + legend_height, panel.cols, CV_8UC3, kPaper);
-  panel.copyTo(canvas(cv::Rect(0, top, panel.cols, panel.rows)));
-  pen.text(canvas, title, {pen.px(12), pen.px(24)}, colour);
-  return canvas;
-}
-
 /// Nobody should take the picture of a failure for that of a pose.
 cv::Scalar verdict_colour(const RefinedAlignment& result) { return result.converged() ? kInk : kAlarm; }
 std::string verdict(const RefinedAlignment& result) {
   return result.converged() ? "converged" : std::string("FAILED: ") + name(result.status);
 }
-
-/// Entries of a legend, from left to right along one line.
-struct Legend {
-  cv::Mat& canvas;
-  const Pen& pen;
-  int y;  ///< the text's base line
-  int x = pen.px(16);
-
-  void words(const std::string& text, double gap) {
-    pen.text(canvas, text, {x, y});
-    x += pen.width(text) + pen.px(gap);
-  }
-  void square(const cv::Scalar& colour, const std::string& text) {
-    cv::rectangle(canvas, cv::Rect(x, y - pen.px(14), pen.px(18), pen.px(18)), colour, cv::FILLED);
-    x += pen.px(26);
-    words(text, 26);
-  }
-  void ring(const cv::Scalar& colour, const std::string& text) {
-    cv::circle(canvas, {x + pen.px(6), y - pen.px(5)}, pen.px(7), colour, pen.px(2), cv::LINE_AA);
-    x += pen.px(22);
-    words(text, 28);
-  }
-  void line(const cv::Scalar& colour, const std::string& text) {
-    cv::line(canvas, {x, y - pen.px(5)}, {x + pen.px(28), y - pen.px(5)}, colour, pen.px(2), cv::LINE_AA);
-    x += pen.px(40);
-    words(text, 28);
-  }
-  /// Faint, at the right end.
-  void note(const std::string& text) {
-    pen.text(canvas, text, {std::max(x, canvas.cols - pen.px(16) - pen.width(text)), y}, kFaint);
-  }
-};
 
 /// Gain and bias that bring the warped target to the reference's exposure: pictures show motion, not exposure.
 /// Least squares on the better half of the pixels, twice.
@@ -188,14 +119,6 @@ cv::Scalar status_colour(const std::string& status) {
                                                             {"low_texture", {255, 220, 60}}};
   const auto it = colours.find(status);
   return it == colours.end() ? cv::Scalar(150, 150, 150) : it->second;
-}
-
-/// 8-bit colour for the eye; the colours of deeper images are not kept.
-cv::Mat colour_8bit(const cv::Mat& image) {
-  if (image.type() == CV_8UC3) return image;
-  cv::Mat out;
-  cv::cvtColor(grey_8bit(image), out, cv::COLOR_GRAY2BGR);
-  return out;
 }
 
 cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) {
@@ -297,6 +220,11 @@ cv::Mat residual_picture(const View& before, const View& after, const cv::Mat& g
 }
 
 }  // namespace
+
+cv::Mat overlay_image(const PairInput& pair, const cv::Mat& depth_0, const SE3& T_10) {
+  const cv::Mat grey_0 = grey_8bit(pair.image_0);
+  return overlay_panel(view_by(pair, grey_0, grey_8bit(pair.image_1), depth_0, T_10), grey_0);
+}
 
 cv::Mat warp_target(const cv::Mat& grey_1, const cv::Mat& depth_0, const Camera& camera, const SE3& T_10) {
   cv::Mat map_u(depth_0.size(), CV_32FC1, cv::Scalar(-1)), map_v = map_u.clone(), known = cv::Mat::zeros(depth_0.size(), CV_8U);

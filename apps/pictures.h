@@ -25,6 +25,10 @@ std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment
 /// within their hull. CV_32FC1 metres, 0 = unknown.
 cv::Mat picture_depth(const PairInput& pair);
 
+/// The reference in red and the target, warped by T_10 and brought to the reference's exposure, in cyan: grey where they agree,
+/// dark where `depth_0` (as picture_depth gives it) is unknown. CV_8UC3 of the reference's size.
+cv::Mat overlay_image(const PairInput& pair, const cv::Mat& depth_0, const SE3& T_10);
+
 /// The target as camera 0 would have seen it by T_10: CV_32FC1 grey values, NaN where the depth is unknown or the target does
 /// not see it.
 cv::Mat warp_target(const cv::Mat& grey_1, const cv::Mat& depth_0, const Camera& camera, const SE3& T_10);

@@ -38,13 +38,6 @@ Matrix6d covariance_or_nan(const RefinedAlignment& result) {
   return has_covariance(result) ? result.covariance : Matrix6d::Constant(NAN);
 }
 
-PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, const Stage& stage) {
-  PoseError error = pose_error(pair.camera, pair.features, stage.T_10, *pair.truth);
-  if (stage.name == "feature_alignment")
-    error.e_pixel = aligned_error(pair.camera, pair.features, result.features, *pair.truth);
-  return error;
-}
-
 Json stages(const PairInput& pair, const RefinedAlignment& result) {
   Json list = Json::array();
   for (const Stage& stage : result.stages) {
@@ -110,6 +103,13 @@ std::string feature_line(const PairInput& pair, const RefinedAlignment& result) 
 }
 
 }  // namespace
+
+PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, const Stage& stage) {
+  PoseError error = pose_error(pair.camera, pair.features, stage.T_10, *pair.truth);
+  if (stage.name == "feature_alignment")
+    error.e_pixel = aligned_error(pair.camera, pair.features, result.features, *pair.truth);
+  return error;
+}
 
 std::string feature_status(const PairInput& pair, const RefinedAlignment& result, int i) {
   const auto at = static_cast<size_t>(i);

@@ -5,6 +5,7 @@
 
 #include <iclk/refine/refiner.h>
 
+#include "apps/metrics.h"
 #include "apps/pair_input.h"
 #include "apps/session.h"
 
@@ -26,6 +27,10 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
 /// What a person wants to know: stages (with errors where there is a truth), features, pose, status and, unless converged, a
 /// hint.
 std::string to_table(const PairInput& pair, const RefinedAlignment& result, const Session& session);
+
+/// A stage against the truth of the pair, which has one. feature_alignment: e_pixel is that of the aligned positions (NaN
+/// without any), the pose that by which the last round warped.
+PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, const Stage& stage);
 
 /// One line that says what to try next; empty for converged. `feature_file`: the features were given, not chosen.
 std::string hint(Status status, bool feature_file = false);

@@ -144,4 +144,10 @@ std::vector<std::string_view> lines_of(std::string_view text) {
   return lines;
 }
 
+uint64_t fnv1a(std::string_view text) {
+  uint64_t h = 0xcbf29ce484222325u;
+  for (const char c : text) h = (h ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
+  return h;
+}
+
 }  // namespace iclk

@@ -1,5 +1,6 @@
 #pragma once
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -32,6 +33,9 @@ std::vector<double> parse_numbers(std::string_view text, const std::string& what
 
 /// "640x480": width and height, 1 to 32768 each. Throws Error(invalid_argument) "<what>: ...".
 std::pair<int, int> parse_size(const std::string& text, const std::string& what);
+
+/// FNV-1a, 64 bit, of the bytes. Not against malice.
+uint64_t fnv1a(std::string_view text);
 
 /// Lines of a text, without their line ends.
 std::vector<std::string_view> lines_of(std::string_view text);
