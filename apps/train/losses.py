@@ -40,7 +40,8 @@ def camera_of(batch):
 def maps_of(network, batch):
     """Maps of both images in one go: batch normalisation sees both."""
     images = batch['images']
-    maps = network(torch.cat([images[:, 0], images[:, 1]]))
+    both = torch.cat([images[:, 0], images[:, 1]])
+    maps = network(both.contiguous(memory_format=torch.channels_last))
     return [m[:len(images)] for m in maps], [m[len(images):] for m in maps]
 
 

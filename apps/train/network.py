@@ -14,11 +14,24 @@ def convolution(cin, cout, dilation):
                          nn.ELU(inplace=True))
 
 
+class Layers(nn.Sequential):
+    """Layers that compute in bfloat16 while they train, if asked to. What goes in and comes out has full precision: maps that
+    are compared to a hundredth of a pixel must not be rounded to eight bits."""
+
+    def __init__(self, layers, bfloat16):
+        super().__init__(*layers)
+        self.bfloat16 = bfloat16
+
+    def forward(self, x):
+        with torch.autocast(x.device.type, torch.bfloat16, enabled=self.bfloat16 and self.training):
+            return super().forward(x).to(x.dtype)
+
+
 class TrainedNetwork(Network):
     """`model` of a recipe: encoder_channels and encoder_dilations, a list a level, finest first; m_estimator_channels and
     m_estimator_dilations, empty for none. Runs as Network does."""
 
-    def __init__(self, model):
+    def __init__(self, model, bfloat16=False):
         nn.Module.__init__(self)
         self.model = model
         self.register_buffer('mean', torch.tensor(MEAN).view(1, -1, 1, 1), persistent=False)
@@ -29,12 +42,13 @@ class TrainedNetwork(Network):
             for cout, dilation in zip(channels, dilations):
                 layers.append(convolution(cin, cout, dilation))
                 cin = cout
-            self.levels.append(nn.Sequential(*layers))
+            self.levels.append(Layers(layers, bfloat16))
         layers, cin = [], 4
         for cout, dilation in zip(model['m_estimator_channels'], model['m_estimator_dilations']):
             layers.append(convolution(cin, cout, dilation))
             cin = cout
-        self.m_estimator = nn.Sequential(*layers, nn.Sigmoid()) if layers else None
+        self.m_estimator = Layers([*layers, nn.Sigmoid()], bfloat16) if layers else None
+        self.to(memory_format=torch.channels_last)  # 1.5 times as fast on a CPU
 
 
 def folded(layers):

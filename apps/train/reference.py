@@ -166,9 +166,9 @@ class Level:
         u0, v0 = u.floor().clamp(max=w - 2), v.floor().clamp(max=h - 2)
         a, b = u - u0, v - v0
         first = (v0 * w + u0).long()
-        top = torch.lerp(self.f1.gather(1, first), self.f1.gather(1, first + 1), a)
-        bottom = torch.lerp(self.f1.gather(1, first + w), self.f1.gather(1, first + w + 1), a)
-        warped = torch.lerp(top, bottom, b)
+        corners = torch.cat([first, first + 1, first + w, first + w + 1], 1)
+        f00, f01, f10, f11 = self.f1.gather(1, corners).chunk(4, 1)  # at once: the derivative of each is a whole map
+        warped = torch.lerp(torch.lerp(f00, f01, a), torch.lerp(f10, f11, a), b)
         seen = visible.to(u.dtype)
         return (warped - self.f0) * seen, warped * seen, seen
 

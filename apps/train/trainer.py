@@ -46,7 +46,7 @@ class Trainer:
         self.steps = math.ceil(schedule['epochs'] * self.epoch_steps) if schedule['epochs'] else schedule['steps']
 
         torch.manual_seed(recipe['seed'])
-        self.network = TrainedNetwork(recipe['model']).to(device)
+        self.network = TrainedNetwork(recipe['model'], recipe['optimizer']['bfloat16']).to(device)
         optimizer = recipe['optimizer']
         if optimizer['kind'] == 'adam':
             self.optimizer = torch.optim.Adam(self.network.parameters(), optimizer['learning_rate'],
@@ -86,10 +86,17 @@ class Trainer:
             setattr(self, key, state[key])
 
     def take_weights(self, path):
-        """Weights of another run's checkpoint, to go on from with another recipe or other sets."""
+        """Weights of another run's checkpoint, to go on from with another recipe or other sets. An M-estimator may be new, or
+        left behind."""
         state = load_checkpoint(path)
+        models = [dict(r['model']) for r in (state['recipe'], self.recipe)]
+        weights = state['network']
+        if models[0]['m_estimator_channels'] != models[1]['m_estimator_channels'] and [] in (
+                m['m_estimator_channels'] for m in models):
+            weights = {k: x for k, x in weights.items() if not k.startswith('m_estimator.')}
+            weights |= {k: x for k, x in self.network.state_dict().items() if k.startswith('m_estimator.')}
         try:
-            self.network.load_state_dict(state['network'])
+            self.network.load_state_dict(weights)
         except RuntimeError:
             raise InputError(f'{path}: its model is {state["recipe"]["model"]}, the recipe\'s is {self.recipe["model"]}; '
                              'give a recipe with the same model') from None

@@ -160,6 +160,45 @@ class Training(unittest.TestCase):
                 self.assertLess(float((a - b).abs().max()), 1e-5 * float(a.abs().max()) + 1e-6)
             self.assertLess(float((network.m_estimator(x) - plain.m_estimator(x)).abs().max()), 1e-5)
 
+    def test_bfloat16_is_for_training_alone(self):
+        torch.manual_seed(4)
+        exact = TrainedNetwork(self.state['recipe']['model'])
+        mixed = TrainedNetwork(self.state['recipe']['model'], bfloat16=True)
+        mixed.load_state_dict(exact.state_dict())
+        images = torch.rand(2, 3, 40, 56)
+        for network in (exact, mixed):
+            network.train()
+        for a, b in zip(exact(images), mixed(images)):
+            self.assertEqual(b.dtype, torch.float32)
+            self.assertFalse(torch.equal(a, b))
+            self.assertLess(float((a - b).abs().max()), 0.05 * float(a.abs().max()))
+        mixed.load_state_dict(exact.state_dict())
+        for network in (exact, mixed):
+            network.eval()
+        for a, b in zip(exact(images), mixed(images)):
+            self.assertTrue(torch.equal(a, b))
+
+    def test_weights_begin_another_run(self):
+        def run(out, init, *settings):
+            arguments = [*self.arguments, '--init', self.file(init), '--out', self.file(out), '--set', 'schedule.steps=1']
+            return train(*arguments, *(x for setting in settings for x in ('--set', setting)))
+        without = ('model.m_estimator_channels=[]', 'model.m_estimator_dilations=[]')
+        still = ('optimizer.learning_rate=1e-12', 'optimizer.bfloat16=true')
+        done = run('encoder', 'whole/checkpoint.pt', *without, *still)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        encoder = load_checkpoint(self.file('encoder/checkpoint.pt'))['network']
+        self.assertFalse([key for key in encoder if key.startswith('m_estimator')])
+        done = run('again', 'encoder/checkpoint.pt', *still)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        again = load_checkpoint(self.file('again/checkpoint.pt'))['network']
+        self.assertEqual(again.keys(), self.state['network'].keys())
+        for key, x in again.items():
+            if key.endswith('weight') and not key.startswith('m_estimator'):
+                torch.testing.assert_close(x, self.state['network'][key], atol=1e-6, rtol=0)
+        done = run('wider', 'whole/checkpoint.pt', 'model.encoder_channels=[[4, 8, 8], [8, 8, 8], [8, 12, 16]]')
+        self.assertEqual(done.returncode, 3, done.stderr)
+        self.assertIn('give a recipe with the same model', done.stderr)
+
     def test_derivatives_are_those_of_differences(self):
         settings = recipe.load(self.recipe, ['loss.step_bound=0'])
         batch = make_sample(PairSet(self.set).pairs[0], settings, np.random.default_rng(0), 0, True)
