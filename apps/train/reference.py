@@ -118,13 +118,21 @@ def mask_pixels(uv, q, width, height, level):
 
 
 def se3_exp(xi):
-    """(B, 6) twists [rho, phi] -> rotations and translations, through the 4x4 matrix exponential."""
-    a = torch.zeros(xi.shape[0], 4, 4, dtype=xi.dtype, device=xi.device)
-    x, y, z = xi[:, 3], xi[:, 4], xi[:, 5]
-    a[:, 0, 1], a[:, 0, 2], a[:, 1, 0], a[:, 1, 2], a[:, 2, 0], a[:, 2, 1] = -z, y, z, -x, -y, x
-    a[:, :3, 3] = xi[:, :3]
-    T = torch.matrix_exp(a)
-    return T[:, :3, :3], T[:, :3, 3]
+    """(B, 6) twists [rho, phi] -> rotations and translations. Series where the angle is small, so that derivatives are finite
+    at zero."""
+    rho, phi = xi[:, :3], xi[:, 3:]
+    s = (phi * phi).sum(-1)[:, None, None]
+    small = s < 1e-2
+    safe = torch.where(small, torch.ones_like(s), s)
+    angle = safe.sqrt()
+    a = torch.where(small, 1 - s / 6 * (1 - s / 20 * (1 - s / 42)), torch.sin(angle) / angle)
+    b = torch.where(small, 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56)), (1 - torch.cos(angle)) / safe)
+    c = torch.where(small, 1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72)), (angle - torch.sin(angle)) / (safe * angle))
+    x, y, z = phi.unbind(-1)
+    o = torch.zeros_like(x)
+    W = torch.stack([o, -z, y, z, o, -x, -y, x, o], -1).view(-1, 3, 3)
+    WW, eye = W @ W, torch.eye(3, dtype=xi.dtype, device=xi.device)
+    return eye + a * W + b * WW, ((eye + b * W + c * WW) @ rho[..., None])[..., 0]
 
 
 class Level:
@@ -158,9 +166,9 @@ class Level:
         u0, v0 = u.floor().clamp(max=w - 2), v.floor().clamp(max=h - 2)
         a, b = u - u0, v - v0
         first = (v0 * w + u0).long()
-        top = torch.lerp(self.f1.gather(1, first), self.f1.gather(1, first + 1), a)
-        bottom = torch.lerp(self.f1.gather(1, first + w), self.f1.gather(1, first + w + 1), a)
-        warped = torch.lerp(top, bottom, b)
+        corners = torch.cat([first, first + 1, first + w, first + w + 1], 1)
+        f00, f01, f10, f11 = self.f1.gather(1, corners).chunk(4, 1)  # at once: the derivative of each is a whole map
+        warped = torch.lerp(torch.lerp(f00, f01, a), torch.lerp(f10, f11, a), b)
         seen = visible.to(u.dtype)
         return (warped - self.f0) * seen, warped * seen, seen
 
@@ -170,34 +178,54 @@ class Level:
         return out.view(-1, 1, self.height, self.width)
 
 
-def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask'):
-    """T_10 as (R, t) of B pairs: maps finest first, features (B, N, 2) and their inverse depths (B, N)."""
+def sparse_level(maps0, maps1, camera, uv, q, level, pixels='mask'):
+    """Template of one level over the pixels of the patches, or over whole maps."""
+    h, w = maps0[level].shape[-2:]
+    index, depth = mask_pixels(uv, q, w, h, level)
+    if pixels == 'all':
+        depth = torch.zeros(uv.shape[0], h * w, dtype=q.dtype, device=q.device).scatter_add_(1, index, depth)
+        index = torch.arange(h * w, device=q.device).expand(uv.shape[0], -1)
+    return Level(maps0[level], maps1[level], index, depth, camera, level)
+
+
+def level_weights(m_estimator, L, r, warped, seen, coarser=None):
+    """Weights of the pixels at the residual with which a level starts, and as a map for the next finer one (None without an
+    M-estimator)."""
+    if m_estimator is None:
+        return seen, None
+    mask = L.whole(seen)
+    prior = torch.ones_like(mask) if coarser is None else F.interpolate(coarser, mask.shape[-2:], mode='bilinear',
+                                                                        align_corners=False)
+    weight = m_estimator(torch.cat([L.whole(r.abs()), L.whole(L.f0 * seen), L.whole(warped), prior * mask], 1)) * mask
+    return weight.flatten(1).gather(1, L.index), weight
+
+
+def normal_equations(L, r, weights, damping):
+    """H, damped, and g of sum w r^2."""
+    WJ = L.J * weights[..., None]
+    H = L.J.transpose(1, 2) @ WJ
+    return H + damping * torch.diag_embed(H.diagonal(dim1=1, dim2=2)), (WJ.transpose(1, 2) @ r[..., None])[..., 0]
+
+
+def move(R, t, xi):
+    """T_10 <- T_10 Exp(xi)^-1"""
+    dR, dt = se3_exp(-xi)
+    return R @ dR, (R @ dt[..., None])[..., 0] + t
+
+
+def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask', solve=torch.linalg.solve):
+    """T_10 as (R, t) of B pairs: maps finest first, features (B, N, 2) and their inverse depths (B, N); camera: fx, fy, cx, cy,
+    numbers or tensors (B, 1)."""
     B, dtype, device = uv.shape[0], maps0[0].dtype, uv.device
     R, t = torch.eye(3, dtype=dtype, device=device).repeat(B, 1, 1), torch.zeros(B, 3, dtype=dtype, device=device)
-    weight = None
+    weight_map = None
     for level in reversed(range(len(maps0))):
-        h, w = maps0[level].shape[-2:]
-        index, depth = mask_pixels(uv, q, w, h, level)
-        if pixels == 'all':
-            depth = torch.zeros(B, h * w, dtype=dtype, device=device).scatter_add_(1, index, depth)
-            index = torch.arange(h * w, device=device).expand(B, -1)
-        L = Level(maps0[level], maps1[level], index, depth, camera, level)
+        L = sparse_level(maps0, maps1, camera, uv, q, level, pixels)
         r, warped, seen = L.residual(R, t)
-        weights = seen
-        if network.m_estimator is not None:
-            prior = torch.ones_like(maps0[level]) if weight is None else F.interpolate(
-                weight, (h, w), mode='bilinear', align_corners=False)
-            mask = L.whole(seen)
-            weight = network.m_estimator(torch.cat([L.whole(r.abs()), L.whole(L.f0 * seen), L.whole(warped), prior * mask], 1))
-            weight = weight * mask
-            weights = weight.flatten(1).gather(1, L.index)
+        weights, weight_map = level_weights(network.m_estimator, L, r, warped, seen, weight_map)
         for _ in range(iterations):
-            WJ = L.J * (weights * seen)[..., None]
-            H, g = L.J.transpose(1, 2) @ WJ, WJ.transpose(1, 2) @ r[..., None]
-            H = H + damping * torch.diag_embed(H.diagonal(dim1=1, dim2=2))
-            dR, dt = se3_exp(-torch.linalg.solve(H, g)[..., 0])
-            t = (R @ dt[..., None])[..., 0] + t  # T_10 <- T_10 Exp(xi)^-1
-            R = R @ dR
+            H, g = normal_equations(L, r, weights * seen, damping)
+            R, t = move(R, t, solve(H, g))
             r, _, seen = L.residual(R, t)
     return R, t
 

@@ -1,0 +1,250 @@
+"""Sets of pairs with truth, as `iclk render` writes them and `iclk batch` reads them, and the samples that training draws.
+
+Every random number is a function of the recipe's seed and of where it is used (step, place in the batch), so that a run that
+is stopped anywhere goes on with the same samples, whatever reads ahead.
+"""
+import json
+import math
+import os
+
+import cv2
+import numpy as np
+import torch
+
+import appearance
+from recipe import InputError
+from reference import PATCH
+
+DEPTH_SPREAD = 0.05  # of a feature's patch, apps/detect.cpp: one depth must hold for it
+KEYS = {'id', 'reference', 'target', 'depth', 'features', 'depth_scale', 'camera', 'distortion', 'initial_pose', 'truth',
+        'meta'}
+SIDES = (appearance.REFERENCE, appearance.TARGET)
+cv2.setNumThreads(1)  # reading ahead takes processes
+
+
+# ----------------------------------------------------------------------------- manifests
+def pose(value):
+    """4x4 or 3x4 lists, or a TUM line tx ty tz qx qy qz qw."""
+    if isinstance(value, str):
+        numbers = np.array([float(x) for x in value.split()][-7:])
+        t, q = numbers[:3], numbers[3:] / np.linalg.norm(numbers[3:])
+        x, y, z, w = q
+        R = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+                      [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+                      [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
+    else:
+        T = np.array(value, dtype=np.float64)
+        if T.shape not in ((3, 4), (4, 4)):
+            raise ValueError('no 4x4 matrix')
+        R, t = T[:3, :3], T[:3, 3]
+    if not np.allclose(R @ R.T, np.eye(3), atol=1e-4):
+        raise ValueError('its rotation is none')
+    return R, t
+
+
+def parse_line(where, line, folder):
+    def refuse(why):
+        raise InputError(f'{where}: {why}')
+    try:
+        entry = json.loads(line)
+        assert isinstance(entry, dict)
+    except (ValueError, AssertionError):
+        refuse('no JSON object; a set of `iclk render` that was cut off is mended by the same command')
+    entry = {key: value for key, value in entry.items() if value is not None}
+    for key in entry.keys() - KEYS:
+        refuse(f'{key!r} is no key of a pair')
+    for key in ('reference', 'target', 'depth', 'camera', 'truth'):
+        if key not in entry:
+            refuse(f'{key!r} is missing; training needs it for every pair')
+    if entry.get('distortion', 'none') != 'none':
+        refuse('images with distortion are not trained on; undistort them first')
+    pair = {'id': str(entry.get('id', where)), 'depth_scale': float(entry.get('depth_scale', 0))}
+    for key in ('reference', 'target', 'depth'):
+        pair[key] = os.path.join(folder, entry[key])
+    try:
+        camera = entry['camera'].split(',') if isinstance(entry['camera'], str) else entry['camera']
+        pair['camera'] = np.array([float(x) for x in camera][:4])
+        assert pair['camera'].shape == (4,) and np.isfinite(pair['camera']).all() and (pair['camera'][:2] != 0).all()
+    except (ValueError, TypeError, AssertionError):
+        refuse(f'camera is {entry["camera"]!r}, must be fx,fy,cx,cy')
+    try:
+        pair['R'], pair['t'] = pose(entry['truth'])
+    except (ValueError, TypeError) as e:
+        refuse(f'truth is no pose ({e}); give a 4x4 matrix or a line tx ty tz qx qy qz qw')
+    return pair
+
+
+class PairSet:
+    """`path`: a folder with pairs.jsonl, or a manifest."""
+
+    def __init__(self, path):
+        self.path = path
+        manifest = os.path.join(path, 'pairs.jsonl') if os.path.isdir(path) else path
+        self.folder = os.path.dirname(manifest)
+        try:
+            with open(manifest, encoding='utf-8') as file:
+                lines = file.read().splitlines()
+        except (OSError, UnicodeDecodeError) as e:
+            raise InputError(f'{manifest}: {getattr(e, "strerror", e)}; a set is a folder that `iclk render --pairs` wrote, '
+                             'or a manifest of `iclk batch` with depth and truth') from None
+        self.pairs = [parse_line(f'{manifest}:{i + 1}', line, self.folder) for i, line in enumerate(lines) if line.strip()]
+        if not self.pairs:
+            raise InputError(f'{manifest}: no pair in it; `iclk render --pairs` adds some')
+        self.about = os.path.basename(os.path.normpath(path))
+        try:
+            with open(os.path.join(self.folder, 'set.json'), encoding='utf-8') as file:
+                described = json.load(file)
+            self.about = f'{described["about"]["source"]} (seed {described["options"]["seed"]})'
+        except (OSError, ValueError, KeyError):
+            pass
+
+
+def read_image(path, flags, what):
+    image = cv2.imread(path, flags)
+    if image is None:
+        why = 'is no image that OpenCV reads' if os.path.exists(path) else 'does not exist'
+        raise InputError(f'{what} {path}: {why}; render the set again, or take its line out of the manifest')
+    return image
+
+
+def read_pair(pair):
+    """Images float32 RGB in [0, 1] and depth in metres, 0 = none."""
+    images = [read_image(pair[key], cv2.IMREAD_COLOR, key)[..., ::-1].astype(np.float32) / np.float32(255)
+              for key in ('reference', 'target')]
+    depth = read_image(pair['depth'], cv2.IMREAD_UNCHANGED, 'depth')
+    if depth.dtype == np.uint16 and pair['depth_scale'] > 0:
+        depth = depth.astype(np.float32) / np.float32(pair['depth_scale'])
+    if depth.dtype != np.float32 or depth.ndim != 2:
+        raise InputError(f'depth {pair["depth"]}: must be one channel of 32-bit floats, or of 16 bit with depth_scale')
+    if len({x.shape[:2] for x in (*images, depth)}) != 1:
+        raise InputError(f'{pair["reference"]}, {pair["target"]} and {pair["depth"]} must have the same size')
+    return images, np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
+
+
+def split(sets, share):
+    """Training and validation pairs: by a hash of the ids, so that it does not depend on the order of the sets."""
+    training, validation = [], []
+
+    def rank(pair):
+        return appearance.counter_word(appearance.fnv1a(pair['id']), 0)
+    for s in sets:
+        order = sorted(s.pairs, key=rank)
+        count = max(1, round(share * len(order)))
+        if count == len(order):
+            raise InputError(f'{s.path}: has {len(order)} pair, two or more are needed: one of them validates')
+        validation += order[:count]
+        training += order[count:]
+    return training, sorted(validation, key=rank)  # the first ones are of all sets
+
+
+def motion(pairs):
+    """How far cameras move: largest component of rotation, rad, and of translation x mean inverse depth, that 95 % of the
+    pairs keep to."""
+    rotations = [np.abs(cv2.Rodrigues(p['R'])[0]).max() for p in pairs]
+    inverse = []
+    for p in pairs[::max(1, len(pairs) // 16)]:
+        depth = read_pair(p)[1]
+        if not (depth > 0).any():
+            raise InputError(f'depth {p["depth"]}: no pixel has depth; take its line out of the manifest')
+        inverse.append((1 / depth[depth > 0]).mean())
+    translations = [np.abs(p['t']).max() * np.mean(inverse) for p in pairs]
+    return float(np.quantile(rotations, 0.95)), float(np.quantile(translations, 0.95))
+
+
+# ----------------------------------------------------------------------------- samples
+def draw_features(depth, count, border, rng, name):
+    """Random pixels whose patch has depth within 5 %, else any with depth; uv (count, 2), q (count). Fewer are repeated: what
+    owns a pixel is the first of them."""
+    patch, anchor = np.ones((PATCH, PATCH), np.uint8), (PATCH // 2 - 1, PATCH // 2 - 1)
+    low = cv2.erode(depth, patch, anchor=anchor, borderType=cv2.BORDER_REPLICATE)
+    high = cv2.dilate(depth, patch, anchor=anchor, borderType=cv2.BORDER_REPLICATE)
+    border = min(border, min(depth.shape) // 4)
+    inside = np.zeros(depth.shape, bool)
+    inside[border:depth.shape[0] - border, border:depth.shape[1] - border] = True
+    smooth = inside & (low > 0) & (high - low <= DEPTH_SPREAD * depth)
+    places = np.flatnonzero(smooth)
+    if len(places) < count:
+        places = np.concatenate([places, rng.permutation(np.flatnonzero(inside & (depth > 0) & ~smooth))[:count - len(places)]])
+    if not len(places):
+        raise InputError(f'depth {name}: no pixel has depth where features may lie; take its line out of the manifest')
+    chosen = rng.permutation(places)[:count] if len(places) >= count else np.resize(places, count)
+    uv = np.stack([chosen % depth.shape[1], chosen // depth.shape[1]], -1).astype(np.float32)
+    return uv, 1 / depth.reshape(-1)[chosen]
+
+
+def draw_appearance(data, pair, seed, variant, side):
+    """One of the recipe's appearances and its changes."""
+    if side == appearance.REFERENCE and data['sides'] == 'target':
+        return []
+    stream = appearance.appearance_seed(seed, pair['id'], variant, side)
+    specs = data['appearance']
+    spec = specs[appearance.Random(appearance.counter_word(stream, 1)).below(len(specs))] if len(specs) > 1 else specs[0]
+    return [change for part in spec.split('+') for change in appearance.draw_changes(*appearance.parse(part), stream)]
+
+
+def make_sample(pair, recipe, rng, variant, centred):
+    data = recipe['data']
+    images, depth = read_pair(pair)
+    camera, (h, w) = pair['camera'].copy(), depth.shape
+    if data['crop']:
+        cw, ch = data['crop']
+        if cw > w or ch > h:
+            raise InputError(f'{pair["reference"]}: is {w}x{h}, smaller than the crop of {cw}x{ch}; --set data.crop=[{w},{h}]')
+        x, y = ((w - cw) // 2, (h - ch) // 2) if centred else (rng.integers(w - cw + 1), rng.integers(h - ch + 1))
+        images = [np.ascontiguousarray(image[y:y + ch, x:x + cw]) for image in images]
+        depth = np.ascontiguousarray(depth[y:y + ch, x:x + cw])
+        camera[2:] -= (x, y)
+    uv, q = draw_features(depth, data['features'], data['border'], rng, pair['depth'])
+    images = [appearance.changed_image(image, draw_appearance(data, pair, recipe['seed'], variant, side))
+              for side, image in zip(SIDES, images)]
+    grid = recipe['loss']['grid']
+    z = depth[grid // 2::grid, grid // 2::grid]
+    v, u = np.mgrid[grid // 2:depth.shape[0]:grid, grid // 2:depth.shape[1]:grid]
+    rays = np.stack([(u - camera[2]) / camera[0], (v - camera[3]) / camera[1], np.ones_like(z)], -1)
+    levels = len(recipe['model']['encoder_channels'])
+    sample = {'images': np.stack(images).transpose(0, 3, 1, 2), 'camera': camera, 'uv': uv, 'q': q,
+              'R': pair['R'], 't': pair['t'], 'points': (rays * z[..., None]).reshape(-1, 3), 'valid': z.reshape(-1) > 0,
+              'start': rng.uniform(-1, 1, (levels, 6)), 'identity': rng.uniform()}
+    return {key: torch.from_numpy(np.array(value, dtype=np.float32)) for key, value in sample.items()}
+
+
+def collate(samples, what):
+    if len({s['images'].shape for s in samples}) != 1:
+        raise InputError(f'images of different sizes in one batch of the {what} pairs; give data.crop')
+    return {key: torch.stack([s[key] for s in samples]) for key in samples[0]}
+
+
+class TrainingBatches(torch.utils.data.Dataset):
+    """Item k is the batch of step k."""
+
+    def __init__(self, pairs, recipe):
+        self.pairs, self.recipe = pairs, recipe
+
+    def __getitem__(self, step):
+        batch, count, seed = self.recipe['data']['batch'], len(self.pairs), self.recipe['seed']
+        samples = []
+        for k in range(step * batch, (step + 1) * batch):
+            epoch, place = divmod(k, count)
+            index = int(np.random.default_rng([seed, 0, epoch]).permutation(count)[place])
+            variants = self.recipe['data']['variants']
+            rng = np.random.default_rng([seed, 1, k])
+            variant = int(rng.integers(variants)) if variants else epoch
+            samples.append(make_sample(self.pairs[index], self.recipe, rng, variant, centred=False))
+        return collate(samples, 'training')
+
+
+class FixedBatches(torch.utils.data.Dataset):
+    """The same samples each time, for validation and test."""
+
+    def __init__(self, pairs, recipe, what):
+        self.pairs, self.recipe, self.what = pairs[:recipe['validation']['pairs']], recipe, what
+
+    def __len__(self):
+        return math.ceil(len(self.pairs) / self.recipe['data']['batch'])
+
+    def __getitem__(self, i):
+        batch, seed = self.recipe['data']['batch'], self.recipe['seed']
+        if i >= len(self):
+            raise IndexError
+        return collate([make_sample(pair, self.recipe, np.random.default_rng([seed, 2, i * batch + k]), 0, centred=True)
+                        for k, pair in enumerate(self.pairs[i * batch:(i + 1) * batch])], self.what)

@@ -1,0 +1,80 @@
+"""The network as it is trained: with batch normalisation, which an exported model has folded into its convolutions."""
+import json
+
+import torch
+import torch.nn as nn
+
+from reference import PATCH, Network, write_safetensors
+
+MEAN, STD = [0.4914, 0.4822, 0.4465], [0.2023, 0.1994, 0.2010]  # of pixels in [0, 1]; the paper's
+
+
+def convolution(cin, cout, dilation):
+    return nn.Sequential(nn.Conv2d(cin, cout, 3, padding=dilation, dilation=dilation, bias=False), nn.BatchNorm2d(cout),
+                         nn.ELU(inplace=True))
+
+
+class Layers(nn.Sequential):
+    """Layers that compute in bfloat16 while they train, if asked to. What goes in and comes out has full precision: maps that
+    are compared to a hundredth of a pixel must not be rounded to eight bits."""
+
+    def __init__(self, layers, bfloat16):
+        super().__init__(*layers)
+        self.bfloat16 = bfloat16
+
+    def forward(self, x):
+        with torch.autocast(x.device.type, torch.bfloat16, enabled=self.bfloat16 and self.training):
+            return super().forward(x).to(x.dtype)
+
+
+class TrainedNetwork(Network):
+    """`model` of a recipe: encoder_channels and encoder_dilations, a list a level, finest first; m_estimator_channels and
+    m_estimator_dilations, empty for none. Runs as Network does."""
+
+    def __init__(self, model, bfloat16=False):
+        nn.Module.__init__(self)
+        self.model = model
+        self.register_buffer('mean', torch.tensor(MEAN).view(1, -1, 1, 1), persistent=False)
+        self.register_buffer('std', torch.tensor(STD).view(1, -1, 1, 1), persistent=False)
+        self.levels, cin = nn.ModuleList(), 3
+        for channels, dilations in zip(model['encoder_channels'], model['encoder_dilations']):
+            layers = []
+            for cout, dilation in zip(channels, dilations):
+                layers.append(convolution(cin, cout, dilation))
+                cin = cout
+            self.levels.append(Layers(layers, bfloat16))
+        layers, cin = [], 4
+        for cout, dilation in zip(model['m_estimator_channels'], model['m_estimator_dilations']):
+            layers.append(convolution(cin, cout, dilation))
+            cin = cout
+        self.m_estimator = Layers([*layers, nn.Sigmoid()], bfloat16) if layers else None
+        self.to(memory_format=torch.channels_last)  # 1.5 times as fast on a CPU
+
+
+def folded(layers):
+    """(weight, bias) of each convolution with its batch normalisation: BN(W x) = s W x + (beta - s mu),
+    s = gamma / sqrt(var + eps). In double precision, rounded once."""
+    out = []
+    for layer in layers:
+        if isinstance(layer, nn.Sequential):
+            conv, bn = layer[0], layer[1]
+            s = bn.weight.double() / torch.sqrt(bn.running_var.double() + bn.eps)
+            out.append(((conv.weight.double() * s.view(-1, 1, 1, 1)).float(),
+                        (bn.bias.double() - bn.running_mean.double() * s).float()))
+    return out
+
+
+def export(network, path, name, licence, provenance, iterations, damping):
+    """Writes a model file of iclk (align/model_file.h), whole or not at all."""
+    model, tensors = network.model, {}
+    networks = {'encoder': [layer for level in network.levels for layer in level], 'm_estimator': network.m_estimator or []}
+    for prefix, layers in networks.items():
+        for i, (weight, bias) in enumerate(folded(layers)):
+            tensors[f'{prefix}.{i}.weight'], tensors[f'{prefix}.{i}.bias'] = weight.cpu(), bias.cpu()
+    metadata = {'format': 'iclk-model-1', 'name': name, 'licence': licence, 'provenance': provenance, 'input_channels': '3',
+                'mean': json.dumps(MEAN), 'std': json.dumps(STD), 'activation': 'elu', 'patch': str(PATCH),
+                'iterations': str(iterations), 'damping': repr(damping)}
+    for key in ('encoder_channels', 'encoder_dilations', 'm_estimator_channels', 'm_estimator_dilations'):
+        if model[key]:
+            metadata[key] = json.dumps(model[key])
+    write_safetensors(path, metadata, tensors)

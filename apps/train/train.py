@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""Trains the model of SD-6DoF-ICLK and writes it for `iclk --model`. docs/training.md says how and why.
+
+    train.py run --data SET ... --out RUN     trains, or goes on where it was stopped
+    train.py export RUN --out model.safetensors
+    train.py pairs RECORDING --out pairs.jsonl     pairs of an RGB-D recording in the TUM layout, to train on
+
+Examples:
+  iclk render --terrain procedural:7 --pairs 1000 --size 376x240 --out set
+  apps/train/train.py run --data set --out run                              the recipe `ours`
+  apps/train/train.py run --data set --out run                              goes on after a kill
+  apps/train/train.py run --data a b --test c --recipe paper --out run_paper --device cuda --workers 8
+  apps/train/train.py run --data set --out run2 --set schedule.steps=2000 --set 'data.appearance=["jitter:0.8"]'
+  apps/train/train.py run --data set2 --out tuned --init run/checkpoint.pt  starts from the weights of another run
+  iclk align a.png b.png --depth a.tiff --camera 455,455,187.5,119.5 --model run/model.safetensors
+
+Exit codes: 0 done; 2 wrong usage; 3 bad input; 6 stopped before the end, by a signal or --minutes.
+"""
+import argparse
+import os
+import sys
+
+
+def parser():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = p.add_subparsers(dest='command', required=True, metavar='run|export|pairs')
+    form = dict(formatter_class=argparse.RawDescriptionHelpFormatter, description=__doc__)
+    run = commands.add_parser('run', help='train', **form)
+    run.add_argument('--data', nargs='+', required=True, metavar='SET',
+                     help='folders of `iclk render --pairs`, or manifests of `iclk batch` with depth and truth')
+    run.add_argument('--test', nargs='+', default=[], metavar='SET', help='sets that are never trained on; they have a curve')
+    run.add_argument('--out', required=True, metavar='RUN', help='folder of the run; one that was stopped goes on')
+    run.add_argument('--recipe', default='ours', metavar='NAME|FILE', help='ours (default), paper, or a TOML file')
+    run.add_argument('--set', action='append', default=[], metavar='KEY=VALUE', help='changes a value of the recipe')
+    run.add_argument('--init', metavar='CHECKPOINT', help='weights to begin a new run with')
+    run.add_argument('--device', choices=('cpu', 'cuda'), help='default: cuda where there is one')
+    run.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), metavar='N', help='default: all cores')
+    run.add_argument('--workers', type=int, metavar='N', help='processes that read ahead; default: 4 with cuda, else 0')
+    run.add_argument('--minutes', type=float, metavar='M', help='stop after so long; the same command goes on')
+    run.add_argument('--checkpoint-every', type=int, metavar='STEPS', help='besides each validation and every 5 minutes')
+    out = commands.add_parser('export', help='write the model of a checkpoint', **form)
+    out.add_argument('run', metavar='RUN', help='folder of a run, or a checkpoint')
+    out.add_argument('--out', required=True, metavar='FILE')
+    out.add_argument('--name', help='of the model; default: the recipe\'s')
+    out.add_argument('--licence', help='of the weights')
+    pairs = commands.add_parser('pairs', help='pairs of an RGB-D recording', **form)
+    pairs.add_argument('recording', metavar='RECORDING', help='folder with rgb.txt, depth.txt, groundtruth.txt and camera.txt')
+    pairs.add_argument('--out', required=True, metavar='FILE', help='manifest to write')
+    pairs.add_argument('--stride', default='1,2,3', metavar='N[,N...]', help='frames between the two of a pair; default 1,2,3')
+    return p
+
+
+def run_command(args):
+    import torch
+
+    import recipe
+    from trainer import Trainer
+    device = args.device or ('cuda' if torch.cuda.is_available() else 'cpu')
+    if device == 'cuda' and not torch.cuda.is_available():
+        raise recipe.InputError('--device cuda: this PyTorch finds no CUDA device; --device cpu')
+    if args.threads < 1:
+        raise recipe.InputError(f'--threads {args.threads} must be 1 or more')
+    torch.set_num_threads(args.threads)
+    workers = args.workers if args.workers is not None else (4 if device == 'cuda' else 0)
+    trainer = Trainer(recipe.load(args.recipe, args.set), args.data, args.test, args.out, device, workers, args.init)
+    return 0 if trainer.run(args.checkpoint_every, minutes=args.minutes) else 6
+
+
+def export_command(args):
+    from network import TrainedNetwork, export
+    from run_folder import RunFolder, load_checkpoint
+    path = args.run if os.path.isfile(args.run) else None
+    state = load_checkpoint(path) if path else RunFolder(args.run, lock=False).load()
+    if state is None:
+        from recipe import InputError
+        raise InputError(f'{args.run}: no checkpoint in it; give the folder of a run')
+    network = TrainedNetwork(state['recipe']['model'])
+    network.load_state_dict(state['network'])
+    from trainer import export_model
+    export_model(network, args.out, state['recipe'], state['data'], state['step'], args.name, args.licence)
+    return 0
+
+
+def main():
+    args = parser().parse_args()
+    from recipe import InputError
+    try:
+        if args.command == 'pairs':
+            from recording import write_pairs
+            return write_pairs(args.recording, args.out, args.stride)
+        return run_command(args) if args.command == 'run' else export_command(args)
+    except InputError as e:
+        # From a process that reads ahead, the message comes behind its traceback.
+        print(f'train.py: {str(e).splitlines()[-1].replace("recipe.InputError: ", "")}', file=sys.stderr)
+        return 3
+
+
+if __name__ == '__main__':
+    sys.exit(main())
