@@ -109,6 +109,7 @@ void add_bench(CLI::App& app, int& exit) {
       ->capture_default_str()
       ->needs(peers);
   const std::vector<CLI::Option*> own = command->get_options();
+  options->run.model = "classical";  // whose figures need no weights
   options->run.add_to(*command);
   for (const char* name : {"--dense", "--no-refine"})
     command->remove_option(command->get_option(name));  // both ways are measured; depth is sparse

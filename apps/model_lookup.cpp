@@ -1,6 +1,7 @@
 #include "apps/model_lookup.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <set>
 
@@ -34,6 +35,11 @@ std::vector<std::string> model_folders() {
   return {(folder / "models").string(), (folder / ICLK_INSTALLED_MODELS).lexically_normal().string()};
 }
 
+std::string default_model() {
+  const char* wish = std::getenv("ICLK_MODEL");
+  return wish != nullptr && *wish != '\0' ? wish : "sd6dof";
+}
+
 std::string find_model(const std::string& name, const std::vector<std::string>& folders) {
   std::error_code error;
   if (name.find('/') != std::string::npos || fs::is_regular_file(name, error)) return name;
@@ -44,7 +50,7 @@ std::string find_model(const std::string& name, const std::vector<std::string>& 
   for (const std::string& model : models_in(folders)) known += (known.empty() ? "" : ", ") + printable(model);
   throw Error(ErrorCode::io, "there is no model '" + printable(name) + "': neither a file of this folder nor one of " +
                                  (known.empty() ? "the installed models, of which there are none" : "the models " + known) +
-                                 "; name one of them or give a path");
+                                 "; name one of them, give a path, or take --model classical, which needs none");
 }
 
 }  // namespace iclk

@@ -130,7 +130,7 @@ uint64_t PairSet::free_bytes() const {
   return uint64_t{info.f_bavail} * info.f_frsize;
 }
 
-void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera, const Features& features) {
+void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera, const Features& features, bool target_depth) {
   const std::string id = id_of(index);
   const std::string image0 = "images/" + id + "_0.png", image1 = "images/" + id + "_1.png", depth = "depth/" + id + ".tiff",
                     points = "features/" + id + ".csv";
@@ -153,6 +153,11 @@ void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera
                  {"altitude", pair.altitude},
                  {"features", features.size()},
                  {"start", {{"e_pixel", start.e_pixel}, {"e_transl", start.e_transl}, {"e_rot", start.e_rot}}}}}};
+  if (target_depth) {
+    const std::string depth1 = "depth/" + id + "_1.tiff";
+    write_file(folder_ + "/" + depth1, encode_depth(pair.view1));
+    line["meta"]["target_depth"] = depth1;
+  }
   const std::string text = line.dump() + "\n";
   // One write, so that a kill leaves a line or a piece of one at the end of the file.
   if (::write(file_, text.data(), text.size()) != static_cast<ssize_t>(text.size()) || ::fdatasync(file_) != 0)
@@ -164,9 +169,9 @@ PoseError start_error(const Camera& camera, const Features& features, const SE3&
   return pose_error(camera, features, SE3(), T_10);
 }
 
-uint64_t largest_pair(const Camera& camera, int features) {
+uint64_t largest_pair(const Camera& camera, int features, bool target_depth) {
   const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
-  return pixels * (3 + 3 + 4) + 48 * static_cast<uint64_t>(features) + (16 << 10);
+  return pixels * (target_depth ? 14 : 10) + 48 * static_cast<uint64_t>(features) + (16 << 10);
 }
 
 std::string encode_view(const View& view) {

@@ -19,7 +19,7 @@ namespace iclk {
 ///   set.json              what the pairs depend on; written first
 ///   pairs.jsonl           a line a pair, as `iclk batch` takes it (batch_manifest.h), with truth and meta
 ///   images/000007_0.png   camera 0; 000007_1.png camera 1; 8-bit RGB
-///   depth/000007.tiff     of camera 0, 32-bit float metres along the optical axis
+///   depth/000007.tiff     of camera 0, 32-bit float metres along the optical axis; 000007_1.tiff of camera 1, if asked for
 ///   features/000007.csv   u,v,depth of camera 0
 ///
 /// A line is appended when the files of its pair are on the disk; files are whole or not there. A set goes on where it was
@@ -42,8 +42,9 @@ class PairSet {
   /// Bytes that the file system has left for us.
   uint64_t free_bytes() const;
 
-  /// Writes the files of a pair, then its line. Throws Error(io): disk full.
-  void add(uint64_t index, const RenderedPair& pair, const Camera& camera, const Features& features);
+  /// Writes the files of a pair, then its line. `target_depth`: camera 1's depth too, as meta.target_depth, for methods that
+  /// want depth of both images. Throws Error(io): disk full.
+  void add(uint64_t index, const RenderedPair& pair, const Camera& camera, const Features& features, bool target_depth);
 
  private:
   void open_manifest();
@@ -58,7 +59,7 @@ class PairSet {
 PoseError start_error(const Camera& camera, const Features& features, const SE3& T_10);
 
 /// The most that a pair can take on the disk, bytes: pixels that do not compress at all.
-uint64_t largest_pair(const Camera& camera, int features);
+uint64_t largest_pair(const Camera& camera, int features, bool target_depth);
 
 /// A view's colours as PNG, and depth as TIFF of 32-bit floats.
 std::string encode_view(const View& view);

@@ -28,6 +28,7 @@ struct RenderCommand {
   std::string terrain, ortho, elevation, out, device;
   std::string pose, camera, size = "752x480", altitude = "100,180", region = "0,0,1,1", detector = "random";
   int pairs = 0;
+  bool target_depth = false;
   double tilt = 15, translation = 5.1, rotation = 4.47;
   RenderOptions render;
   PairOptions pair;
@@ -155,20 +156,22 @@ Json set_options(const RenderCommand& command, const PairOptions& p, const Terra
   char hash[20];
   std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(terrain.hash()));
   const Camera& c = p.camera;
-  return {{"terrain", hash},
-          {"camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
-          {"altitude", {p.altitude_min, p.altitude_max}},
-          {"tilt", command.tilt},
-          {"translation", command.translation},
-          {"rotation", command.rotation},
-          {"nearest", p.nearest},
-          {"region", {p.region.left, p.region.bottom, p.region.right, p.region.top}},
-          {"seed", p.seed},
-          {"detector", command.detector},
-          {"count", command.features.count},
-          {"border", command.features.border},
-          {"samples", command.render.samples},
-          {"anisotropy", command.render.max_anisotropy}};
+  Json options = {{"terrain", hash},
+                  {"camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
+                  {"altitude", {p.altitude_min, p.altitude_max}},
+                  {"tilt", command.tilt},
+                  {"translation", command.translation},
+                  {"rotation", command.rotation},
+                  {"nearest", p.nearest},
+                  {"region", {p.region.left, p.region.bottom, p.region.right, p.region.top}},
+                  {"seed", p.seed},
+                  {"detector", command.detector},
+                  {"count", command.features.count},
+                  {"border", command.features.border},
+                  {"samples", command.render.samples},
+                  {"anisotropy", command.render.max_anisotropy}};
+  if (command.target_depth) options["target_depth"] = true;  // sets from before this option go on
+  return options;
 }
 
 Features choose_features(const View& view, DetectorOptions options, uint64_t index) {
@@ -220,7 +223,8 @@ void render_pairs(const RenderCommand& command, TerrainRenderer& renderer, const
   std::vector<uint64_t> todo;
   for (uint64_t i = 0; i < static_cast<uint64_t>(command.pairs); ++i)
     if (!set.has(i)) todo.push_back(i);
-  const uint64_t room = largest_pair(camera, detector.count), needed = room * todo.size(), there = set.free_bytes();
+  const uint64_t room = largest_pair(camera, detector.count, command.target_depth), needed = room * todo.size(),
+                 there = set.free_bytes();
   spdlog::info("{} pairs of {}x{} to render into {}: at most {} ({} a pair), {} are free", todo.size(), camera.width,
                camera.height, command.out, megabytes(needed), megabytes(room), megabytes(there));
   if (needed > there)
@@ -241,8 +245,8 @@ void render_pairs(const RenderCommand& command, TerrainRenderer& renderer, const
   for (const uint64_t index : todo) {
     auto pair = std::make_shared<const RenderedPair>(source.draw(index));
     finish();
-    writing = std::async(std::launch::async, [&set, &camera, &detector, pair, index] {
-      set.add(index, *pair, camera, choose_features(pair->view0, detector, index));
+    writing = std::async(std::launch::async, [&, pair, index] {
+      set.add(index, *pair, camera, choose_features(pair->view0, detector, index), command.target_depth);
     });
   }
   finish();
@@ -308,6 +312,7 @@ void add_render(CLI::App& app, int& exit) {
   sub->add_option("--detector", o->detector, "How features are chosen: random (as in the paper), shi-tomasi, grid")
       ->capture_default_str()
       ->check(CLI::IsMember({"shi-tomasi", "grid", "random"}));
+  sub->add_flag("--target-depth", o->target_depth, "Write camera 1's depth too, for `iclk eval`'s RgbdOdometry");
   sub->add_option("--samples", o->render.samples, "Rays a pixel and side, 1 to 8: 2 means four rays")->capture_default_str();
   sub->add_option("--anisotropy", o->render.max_anisotropy, "Looks into the mosaic a ray, at most, 1 to 64")
       ->capture_default_str();

@@ -8,7 +8,6 @@
 #include <iclk/engine/error.h>
 
 #include "apps/command.h"
-#include "apps/model_lookup.h"
 
 namespace iclk {
 
@@ -22,8 +21,8 @@ void RunOptions::add_to(CLI::App& command) {
                      "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
   command
       .add_option("--model", model,
-                  "A learned model, file or name (`iclk model info`): its encoder instead of the grey pyramid, its weights "
-                  "instead of --robust; or classical")
+                  "A learned model, file or name (`iclk model info`): its encoder and its weights; or classical: the grey "
+                  "pyramid and --robust. ICLK_MODEL changes the default")
       ->capture_default_str()
       ->check(not_empty)
       ->type_name("FILE|classical");

@@ -4,6 +4,7 @@
 
 #include <CLI/CLI.hpp>
 
+#include "apps/model_lookup.h"
 #include "apps/pair_input.h"
 #include "apps/session.h"
 
@@ -11,7 +12,7 @@ namespace iclk {
 
 /// The options that align, batch and bench share, as text until they are checked.
 struct RunOptions {
-  std::string solver = "host", device, model = "classical", precision = "fp32", damping = "fixed", search = "auto";
+  std::string solver = "host", device, model = default_model(), precision = "fp32", damping = "fixed", search = "auto";
   // Without a value: the model's, or the classical mode's.
   std::optional<int> levels, iterations;
   std::optional<double> lambda;

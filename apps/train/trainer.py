@@ -193,10 +193,15 @@ class Trainer:
         first, mean = self.step, None
         if self.step == 0 and not self.rows:
             self.validate()
-        batches = self.loader(TrainingBatches(self.training, self.recipe), range(self.step, self.steps))
+        batches = iter(self.loader(TrainingBatches(self.training, self.recipe), range(self.step, self.steps)))
         last = time.monotonic()
-        for batch in batches:
-            value = self.train_step(batch)
+        while self.step < self.steps:
+            try:
+                value = self.train_step(next(batches))
+            except RuntimeError:  # a signal to the whole group of processes has ended what reads ahead
+                if not self.stopping:
+                    raise
+                return self.stopped()
             if self.step % self.recipe['validation']['every'] == 0 or self.step == self.steps:
                 self.validate()
                 saved = time.monotonic()
@@ -204,8 +209,9 @@ class Trainer:
             self.seconds += now - last
             last = now
             mean = value if mean is None else 0.95 * mean + 0.05 * value
-            stop = self.stopping or (minutes is not None and now - begin > 60 * minutes)
-            if stop or now - saved > checkpoint_seconds or (checkpoint_every and self.step % checkpoint_every == 0):
+            if self.step < self.steps and (self.stopping or (minutes is not None and now - begin > 60 * minutes)):
+                return self.stopped()
+            if now - saved > checkpoint_seconds or (checkpoint_every and self.step % checkpoint_every == 0):
                 self.save()
                 saved = now
             if now - shown > (0.5 if sys.stderr.isatty() else 30):
@@ -213,12 +219,14 @@ class Trainer:
                 self.say(f'step {self.step}/{self.steps}  epoch {self.step / self.epoch_steps:.2f}  loss {mean:.4f}  rate '
                          f'{self.learning_rate():.2e}  {pace:.2f} s a step  {duration(pace * (self.steps - self.step))} left')
                 shown = now
-            if stop and self.step < self.steps:
-                self.say(f'stopped at step {self.step} of {self.steps}; the same command goes on', keep=True)
-                return False
         self.say(f'done: {self.steps} steps in {duration(self.seconds)}; model {self.folder.file("model.safetensors")}, curves '
                  f'{self.folder.file("curves.svg")}', keep=True)
         return True
+
+    def stopped(self):
+        self.save()
+        self.say(f'stopped at step {self.step} of {self.steps}; the same command goes on', keep=True)
+        return False
 
     def stop(self, number, frame):
         if self.stopping:

@@ -31,6 +31,7 @@ class Process {
     dup2(open(folder_.path("err").c_str(), O_WRONLY | O_CREAT, 0600), 2);
     for (const int number : {SIGINT, SIGTERM})
       std::signal(number, SIG_DFL);  // a script's background job begins with them ignored
+    setenv("ICLK_MODEL", "classical", 0);  // most tests are about other things; `before` may unset it
     before();
     std::vector<char*> argv = {const_cast<char*>("iclk")};
     for (const std::string& a : arguments) argv.push_back(const_cast<char*>(a.c_str()));

@@ -62,6 +62,26 @@ TEST_F(Learned, AlignsWithAModel) {
   EXPECT_NE(table.out.find("model      narrow"), std::string::npos) << table.out;
 }
 
+TEST_F(Learned, TheShippedModelIsTheDefault) {
+  const auto plain = [](const char* wish) {
+    return test::run(align({"--truth", truth_, "--json"}), [&] {
+      if (wish == nullptr)
+        unsetenv("ICLK_MODEL");
+      else
+        setenv("ICLK_MODEL", wish, 1);
+    });
+  };
+  const Json found = json(plain(nullptr));
+  EXPECT_EQ(found["model"], "sd6dof");
+  EXPECT_EQ(found["status"], "converged");
+  EXPECT_LT(found["stages"][0]["e_pixel"], 1);
+  EXPECT_LT(found["stages"].back()["e_pixel"], 0.1);
+  EXPECT_EQ(json(plain(""))["model"], "sd6dof") << "empty is not set";
+  EXPECT_EQ(json(plain("classical"))["model"], "classical");
+  EXPECT_EQ(json(plain(file("narrow.safetensors").c_str()))["model"], "narrow");
+  EXPECT_EQ(plain("no_such_model").code, kIo);
+}
+
 TEST_F(Learned, OptionsGoBeforeTheModelsOwn) {
   EXPECT_EQ(json(run(learned({"--levels", "2", "--no-refine"})))["levels"].size(), 2u) << "its finest two";
   const Json one = Json::parse(run(learned({"--iterations", "1", "--search", "off", "--no-refine"})).out);

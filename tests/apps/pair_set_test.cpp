@@ -80,6 +80,31 @@ TEST(PairSets, AreWhatBatchReads) {
   EXPECT_GE(converged, 2) << "the truth is the truth";
 }
 
+TEST(PairSets, DepthOfTheTargetIsWhatCameraOneSees) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  run(pairs(folder.path("set"), 2, {"--target-depth"}));
+  const Manifest manifest = read_manifest(folder.path("set/pairs.jsonl"));
+  ASSERT_EQ(manifest.lines.size(), 2u);
+  for (const ManifestLine& line : manifest.lines) {
+    const PairRequest request = parse_line(manifest, line);
+    const cv::Mat depth = load_depth(folder.path("set/" + request.meta["target_depth"].get<std::string>()), 0);
+    const Features features = load_features(request.files.features);
+    const Camera camera{455.0 * 188 / 752, 455.0 * 188 / 752, 93.5, 59.5, 188, 120};
+    int seen = 0, agreed = 0;
+    for (size_t i = 0; i < features.uv.size(); ++i) {
+      const Eigen::Vector3d X = *request.truth * (camera.ray(features.uv[i]) / features.inverse_depth[i]);
+      const Eigen::Vector2d uv = camera.project(X);
+      if (uv.minCoeff() < 0 || uv.x() > 187 || uv.y() > 119) continue;
+      ++seen;
+      const float z = depth.at<float>(static_cast<int>(std::lround(uv.y())), static_cast<int>(std::lround(uv.x())));
+      agreed += std::abs(z - X.z()) < 0.005 * X.z();  // another point of the pixel, or what hides this one
+    }
+    EXPECT_GT(seen, 25);
+    EXPECT_GT(agreed, 0.8 * seen);
+  }
+}
+
 TEST(PairSets, GoOnAfterAKillAsIfNothingHadHappened) {
   ICLK_NEED_DEVICE();
   const Folder folder;

@@ -108,14 +108,20 @@ class Training(unittest.TestCase):
                 self.assertEqual(a.read(), b.read(), name)
 
     def test_a_signal_saves_and_says_so(self):
-        arguments = [*self.arguments, '--out', self.file('stopped')]
-        process = subprocess.Popen(train_command(*arguments), stderr=subprocess.PIPE, text=True)
-        for line in process.stderr:
-            if line.startswith('step 0:'):
-                process.send_signal(signal.SIGTERM)
-        self.assertEqual(process.wait(), 6)
-        process.stderr.close()
-        self.assertIn(load_checkpoint(self.file('stopped/checkpoint.pt'))['step'], range(24))
+        for name, more in (('stopped', []), ('group', ['--workers', '1'])):  # also one to what reads ahead, as a cluster sends it
+            arguments = [*self.arguments, '--out', self.file(name), *more]
+            process = subprocess.Popen(train_command(*arguments), stderr=subprocess.PIPE, text=True, start_new_session=True)
+            said = ''
+            for line in process.stderr:
+                said += line
+                if line.startswith('step 0:'):
+                    time.sleep(1)  # the first process that reads ahead is there
+                    os.killpg(process.pid, signal.SIGTERM)
+            self.assertEqual(process.wait(), 6, said)
+            process.stderr.close()
+            self.assertIn('the same command goes on', said)
+            self.assertNotIn('Traceback', said)
+            self.assertIn(load_checkpoint(self.file(name + '/checkpoint.pt'))['step'], range(24))
 
     def test_iclk_gives_the_same_poses(self):
         model = self.file('exported.safetensors')
