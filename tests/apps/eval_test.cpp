@@ -34,13 +34,14 @@ DecodedPair decode(const Manifest& manifest, const ManifestLine& line) {
   return item;
 }
 
-EvalReport evaluate(const std::string& path, const EvalOptions& options, int rounds = 3) {
+EvalReport evaluate(const std::string& path, const EvalOptions& options, int rounds = 3, int min_inliers = 10) {
   const Manifest manifest = read_eval_set(path);
   const EvalLoader loader{[&](const ManifestLine& line) { return decode(manifest, line); },
                           [](const PairRequest&, const std::string& file) { return load_depth(file, 0); }};
   SessionOptions session;
   session.solver = Solver::cpu;
   session.refiner.rounds = rounds;
+  session.refiner.min_inliers = min_inliers;
   return run_eval(manifest, loader, session, options, [](int, int) {});
 }
 
@@ -164,6 +165,15 @@ TEST(Eval, FailuresAreCountedWithTheErrorOfTheirStart) {
   EXPECT_NEAR(rows[3].e_pixel.mean, (samples[0].final().e_pixel + samples[1].final().e_pixel + samples[2].final().e_pixel) / 3,
               1e-12);
   EXPECT_EQ(claim_row(samples).claimed, 2);
+}
+
+TEST(Eval, APoseThatIsNotBelievedIsNotTheAnswer) {
+  for (const EvalSample& sample : evaluate(shared_set().path(), EvalOptions(), 3, 1000).blocks[0].methods[0].samples) {
+    EXPECT_FALSE(sample.claimed) << "a thousand features are not there";
+    EXPECT_TRUE(sample.stages[3].ran);
+    EXPECT_EQ(sample.final().e_pixel, sample.stages[1].error.e_pixel) << "iclk's pose";
+    EXPECT_NE(sample.stages[2].error.e_pixel, sample.stages[1].error.e_pixel);
+  }
 }
 
 TEST(Eval, BrokenSetsAreRefusedBeforeAnythingIsRun) {
