@@ -26,11 +26,13 @@ const char* const kFooter =
     "and targets\n"
     "in host memory to poses in host memory; compilation and allocation come before the first. Settings of the aligner are its "
     "own.\n"
-    "With --model: the same of the learned model (the paper's way; keyframe: a target against a reference that is there; with "
-    "search\n"
-    "and refinement), and the time by stage.\n"
+    "With --model (else classical): the same of the learned model (the paper's way; keyframe: a target against a reference "
+    "that "
+    "is\n"
+    "there; with search and refinement), and the time by stage.\n"
     "With --peers: how right and how fast iclk and its competitors are on real sequences. Here the settings of `iclk align` "
-    "hold.\n"
+    "hold,\n"
+    "its default model among them.\n"
     "cpu time is that of all threads of this process, which other work on the machine hardly disturbs.\n"
     "\n"
     "Examples:\n"
@@ -49,6 +51,7 @@ std::shared_ptr<engine::Context> open_device(std::string device) {
 }
 
 void run(BenchCommand& command, int& exit) {
+  if (command.run.model.empty()) command.run.model = command.with_peers ? default_model() : "classical";
   if (command.with_peers) {
     const SessionOptions session = command.run.session();
     command.peers.iclk = {nullptr, session.solver, session.aligner, session.model, session.refiner};
@@ -109,7 +112,7 @@ void add_bench(CLI::App& app, int& exit) {
       ->capture_default_str()
       ->needs(peers);
   const std::vector<CLI::Option*> own = command->get_options();
-  options->run.model = "classical";  // whose figures need no weights
+  options->run.model.clear();  // known when it is known what is measured
   options->run.add_to(*command);
   for (const char* name : {"--dense", "--no-refine"})
     command->remove_option(command->get_option(name));  // both ways are measured; depth is sparse

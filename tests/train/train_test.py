@@ -108,7 +108,8 @@ class Training(unittest.TestCase):
                 self.assertEqual(a.read(), b.read(), name)
 
     def test_a_signal_saves_and_says_so(self):
-        for name, more in (('stopped', []), ('group', ['--workers', '1'])):  # also one to what reads ahead, as a cluster sends it
+        # The second one goes to what reads ahead, too, as a cluster sends it.
+        for name, more in (('stopped', []), ('group', ['--workers', '1'])):
             arguments = [*self.arguments, '--out', self.file(name), *more]
             process = subprocess.Popen(train_command(*arguments), stderr=subprocess.PIPE, text=True, start_new_session=True)
             said = ''
