@@ -94,7 +94,8 @@ class PairSet:
         try:
             with open(os.path.join(self.folder, 'set.json'), encoding='utf-8') as file:
                 described = json.load(file)
-            self.about = f'{described["about"]["source"]} (seed {described["options"]["seed"]})'
+            source = ', '.join('/'.join(x.split('/')[-2:]) for x in described['about']['source'].split(', '))
+            self.about = f'{source} (seed {described["options"]["seed"]})'
         except (OSError, ValueError, KeyError):
             pass
 

@@ -43,6 +43,8 @@ def parser():
     out.add_argument('--out', required=True, metavar='FILE')
     out.add_argument('--name', help='of the model; default: the recipe\'s')
     out.add_argument('--licence', help='of the weights')
+    out.add_argument('--provenance', help='of the weights; default: recipe, steps, appearance and sets of the run, and '
+                     'of those that it began with')
     pairs = commands.add_parser('pairs', help='pairs of an RGB-D recording', **form)
     pairs.add_argument('recording', metavar='RECORDING', help='folder with rgb.txt, depth.txt, groundtruth.txt and camera.txt')
     pairs.add_argument('--out', required=True, metavar='FILE', help='manifest to write')
@@ -76,8 +78,9 @@ def export_command(args):
         raise InputError(f'{args.run}: no checkpoint in it; give the folder of a run')
     network = TrainedNetwork(state['recipe']['model'])
     network.load_state_dict(state['network'])
-    from trainer import export_model
-    export_model(network, args.out, state['recipe'], state['data'], state['step'], args.name, args.licence)
+    from trainer import export_model, provenance
+    about = args.provenance or provenance(state['recipe'], state['data'], state['step'], state.get('before', ''))
+    export_model(network, args.out, state['recipe'], about, args.name, args.licence)
     return 0
 
 

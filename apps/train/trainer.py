@@ -57,6 +57,7 @@ class Trainer:
         self.step, self.rows, self.best, self.seconds, self.skipped = 0, [], math.inf, 0.0, 0
         self.sum, self.count = 0.0, 0  # of the training loss since the last row
         self.baselines, self.stopping = None, False
+        self.before = ''  # what the runs did whose weights this one began with
         state = self.folder.load()
         if state:
             self.restore(state)
@@ -68,7 +69,7 @@ class Trainer:
         return {'recipe': self.recipe, 'data': self.data, 'step': self.step, 'network': self.network.state_dict(),
                 'optimizer': self.optimizer.state_dict()['state'], 'rows': self.rows, 'best': self.best,
                 'seconds': self.seconds, 'sum': self.sum, 'count': self.count, 'skipped': self.skipped,
-                'baselines': self.baselines}
+                'baselines': self.baselines, 'before': self.before}
 
     def restore(self, state):
         where = self.folder.path
@@ -84,6 +85,7 @@ class Trainer:
         self.optimizer.load_state_dict({**self.optimizer.state_dict(), 'state': state['optimizer']})
         for key in ('step', 'rows', 'best', 'seconds', 'sum', 'count', 'skipped', 'baselines'):
             setattr(self, key, state[key])
+        self.before = state.get('before', '')
 
     def take_weights(self, path):
         """Weights of another run's checkpoint, to go on from with another recipe or other sets. An M-estimator may be new, or
@@ -100,6 +102,7 @@ class Trainer:
         except RuntimeError:
             raise InputError(f'{path}: its model is {state["recipe"]["model"]}, the recipe\'s is {self.recipe["model"]}; '
                              'give a recipe with the same model') from None
+        self.before = provenance(state['recipe'], state['data'], state['step'], state.get('before', ''))
 
     def learning_rate(self):
         rate, schedule = self.recipe['optimizer']['learning_rate'], self.recipe['schedule']
@@ -145,7 +148,8 @@ class Trainer:
         self.say(f'step {self.step}: {trained}{"; ".join(parts)}', keep=True)
 
     def export(self, name):
-        export_model(self.network, self.folder.file(name), self.recipe, self.data, self.step)
+        export_model(self.network, self.folder.file(name), self.recipe,
+                     provenance(self.recipe, self.data, self.step, self.before))
 
     def save(self):
         self.folder.save(self.state())
@@ -250,9 +254,12 @@ def in_turn(sets):
     return [[s.pairs[i] for s in sets if i < len(s.pairs)] for i in range(most)]
 
 
-def export_model(network, path, recipe, data, step, name=None, licence=None):
-    provenance = (f'trained by iclk apps/train, recipe {recipe["name"]}, {step} steps of {recipe["data"]["batch"]} pairs, '
-                  f'appearance {", ".join(recipe["data"]["appearance"])}, on {data["training"]} pairs of '
-                  f'{data["about"]}')
-    export(network, path, name or recipe['name'], licence or recipe['export']['licence'], provenance[:2000],
+def provenance(recipe, data, step, before):
+    text = (f'recipe {recipe["name"]}, {step} steps of {recipe["data"]["batch"]} pairs, appearance '
+            f'{", ".join(recipe["data"]["appearance"])}, on {data["training"]} pairs of {data["about"]}')
+    return f'{before}; then {text}' if before else f'trained by iclk apps/train: {text}'
+
+
+def export_model(network, path, recipe, about, name=None, licence=None):
+    export(network, path, name or recipe['name'], licence or recipe['export']['licence'], about[:4000],
            recipe['export']['iterations'], recipe['export']['damping'])

@@ -199,6 +199,8 @@ class Training(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
         again = load_checkpoint(self.file('again/checkpoint.pt'))['network']
         self.assertEqual(again.keys(), self.state['network'].keys())
+        info = subprocess.run([ICLK, 'model', 'info', self.file('again/model.safetensors')], capture_output=True, text=True)
+        self.assertRegex(info.stdout, r'tiny, 24 steps of 2 pairs.*; then.* 1 steps.*; then.* 1 steps')
         for key, x in again.items():
             if key.endswith('weight') and not key.startswith('m_estimator'):
                 torch.testing.assert_close(x, self.state['network'][key], atol=1e-6, rtol=0)
