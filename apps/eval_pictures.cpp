@@ -53,8 +53,10 @@ cv::Mat errors_picture(const EvalReport& report) {
     plots.push_back(std::move(stages));
     if (block.methods.size() > 1) plots.push_back(std::move(methods));
   }
-  return draw_plots("Error that is left, " + std::to_string(report.pairs) + " pairs; further left and higher is better", plots,
-                    report.blocks[0].methods.size() > 1 ? 2 : static_cast<int>(report.blocks.size()));
+  const int columns = report.blocks[0].methods.size() > 1 ? 2 : static_cast<int>(report.blocks.size());
+  return draw_plots("Error that is left, " + std::to_string(report.pairs) + " pairs" +
+                        (columns > 1 ? "; further left and higher is better" : ""),  // as wide as the picture
+                    plots, columns);
 }
 
 cv::Mat basin_picture(const EvalReport& report) {

@@ -1,6 +1,8 @@
 #include "apps/peers_methods.h"
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
@@ -102,19 +104,35 @@ class RgbdOdometry final : public PeerMethod {
       ~Threads() { cv::setNumThreads(before); }
     } threads(threads_);
     odometry_->setCameraMatrix(cv::Mat(matrix_of(pair.camera)));
+    const double scale = scale_to_a_room(pair.depth_0);
+    const cv::Mat depth_0 = scale == 1 ? pair.depth_0 : cv::Mat(pair.depth_0 * scale);
+    const cv::Mat depth_1 = scale == 1 ? pair.depth_1 : cv::Mat(pair.depth_1 * scale);
     cv::Mat T;
-    const bool found = odometry_->compute(pair.grey_0, pair.depth_0, cv::Mat(), pair.grey_1, pair.depth_1, cv::Mat(), T);
+    const bool found = odometry_->compute(pair.grey_0, depth_0, cv::Mat(), pair.grey_1, depth_1, cv::Mat(), T);
     PeerAnswer answer;
     if (T.rows != 4 || T.cols != 4 || T.type() != CV_64F || !cv::checkRange(T)) return answer;
     for (int i = 0; i < 3; ++i) {
       for (int j = 0; j < 3; ++j) answer.T_10.R(i, j) = T.at<double>(i, j);
-      answer.T_10.t(i) = T.at<double>(i, 3);
+      answer.T_10.t(i) = T.at<double>(i, 3) / scale;
     }
     answer.has_pose = answer.claimed = found;
     return answer;
   }
 
  private:
+  /// It is made for rooms: it leaves out what is more than 4 m deep, and differences of depth and motions are bounded in metres.
+  /// What it is given of an aerial view is a model of it, 2 m deep in the median.
+  static double scale_to_a_room(const cv::Mat& depth) {
+    std::vector<float> z;
+    for (int y = 0; y < depth.rows; y += 8)  // its time is measured
+      for (int x = 0; x < depth.cols; x += 8)
+        if (const float d = depth.at<float>(y, x); std::isfinite(d) && d > 0) z.push_back(d);
+    if (z.empty()) return 1;
+    const auto middle = z.begin() + static_cast<std::ptrdiff_t>(z.size() / 2);
+    std::nth_element(z.begin(), middle, z.end());
+    return *middle > 4 ? 2 / *middle : 1;
+  }
+
   int threads_;
   cv::Ptr<cv::rgbd::RgbdOdometry> odometry_;
 };

@@ -95,6 +95,20 @@ TEST(Bench, PairsAreDistinctAndTheirTruthHolds) {
     EXPECT_GT(cv::norm(pairs[i].grey_0, pairs[0].grey_0, cv::NORM_L1), 3e4) << i;  // at least in noise
 }
 
+TEST(Peers, RgbdOdometryGetsAModelOfWhatIsFarAway) {
+  PeerPair pair = make_bench_pairs({320, 240, 50}, 1, kQuiet).front();
+  const auto method = make_rgbd_odometry();
+  const PeerAnswer near = method->run(pair);
+  ASSERT_TRUE(near.claimed);
+  pair.depth_0 *= 60;  // two metres become a view from the air
+  pair.depth_1 *= 60;
+  const PeerAnswer far = method->run(pair);
+  ASSERT_TRUE(far.claimed);
+  EXPECT_GT(near.T_10.t.norm(), 1e-3);
+  EXPECT_LT((far.T_10.t / 60 - near.T_10.t).norm(), 0.2 * near.T_10.t.norm());
+  EXPECT_LT((far.T_10.R - near.T_10.R).norm(), 2e-3);
+}
+
 TEST(Bench, EveryMethodSolvesWhatItIsTimedOn) {
   ICLK_NEED_DEVICE();
   const BenchReport report = run_bench(tiny(), test::device(), kQuiet);
