@@ -120,7 +120,7 @@ class RgbdOdometry final : public PeerMethod {
   }
 
  private:
-  /// It is made for rooms: it leaves out what is more than 4 m deep, and differences of depth and motions are bounded in metres.
+  /// It is made for rooms: it leaves out what is more than 4 m deep, and bounds differences of depth and motions in metres.
   /// What it is given of an aerial view is a model of it, 2 m deep in the median.
   static double scale_to_a_room(const cv::Mat& depth) {
     std::vector<float> z;

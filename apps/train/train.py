@@ -54,8 +54,8 @@ def parser():
 
 
 def keep_memory():
-    """glibc gives large blocks back to the system when they are freed, and every step would fault them in again: up to half of a
-    step on a CPU. Elsewhere nothing happens."""
+    """glibc gives large blocks back to the system when they are freed, and every step would fault them in again: up to half of
+    a step on a CPU. Elsewhere nothing happens."""
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, AttributeError):
