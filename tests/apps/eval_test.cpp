@@ -168,7 +168,8 @@ TEST(Eval, FailuresAreCountedWithTheErrorOfTheirStart) {
 }
 
 TEST(Eval, APoseThatIsNotBelievedIsNotTheAnswer) {
-  for (const EvalSample& sample : evaluate(shared_set().path(), EvalOptions(), 3, 1000).blocks[0].methods[0].samples) {
+  const EvalReport report = evaluate(shared_set().path(), EvalOptions(), 3, 1000);
+  for (const EvalSample& sample : report.blocks[0].methods[0].samples) {
     EXPECT_FALSE(sample.claimed) << "a thousand features are not there";
     EXPECT_TRUE(sample.stages[3].ran);
     EXPECT_EQ(sample.final().e_pixel, sample.stages[1].error.e_pixel) << "iclk's pose";
