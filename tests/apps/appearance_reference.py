@@ -1,20 +1,23 @@
 #!/usr/bin/env python3
 """The numbers that appearance_test.cpp expects: colour jitter as torchvision documents it (transforms.functional on float32
-tensors), and the generator by which changes are drawn. Needs numpy and nothing else; with --torchvision FILE it compares
+tensors), and the generator by which changes are drawn, the trainer's. Needs numpy and OpenCV; with --torchvision FILE it compares
 its own jitter with torchvision's _functional_tensor.py (which needs torch).
 
     appearance_reference.py > appearance_expected.h
 
-It shares no code with apps/appearance.cpp, and is what a Python program needs to draw the same changes.
+It shares no code with apps/appearance.cpp.
 """
 import importlib.util
 import math
+import os
 import sys
 
 import numpy as np
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', '..', 'apps', 'train'))
+from appearance import Random, appearance_seed, counter_word, fnv1a
+
 F = np.float32
-MASK = (1 << 64) - 1
 
 # 2 x 3 pixels, RGB of 255: a grey, a pure colour, black, white and two of no order.
 PIXELS = np.array([[[128, 128, 128], [255, 0, 0], [12, 200, 77]], [[0, 0, 0], [255, 255, 255], [90, 30, 222]]])
@@ -72,46 +75,7 @@ def jitter(x, order, factors):
     return x
 
 
-# ----------------------------------------------------------------------------- the generator
-def counter_word(seed, n):
-    z = (seed + (n + 1) * 0x9E3779B97F4A7C15) & MASK
-    z = ((z ^ z >> 30) * 0xBF58476D1CE4E5B9) & MASK
-    z = ((z ^ z >> 27) * 0x94D049BB133111EB) & MASK
-    return z ^ z >> 31
-
-
-class Random:
-    def __init__(self, seed):
-        self.seed, self.n = seed, 0
-
-    def word(self):
-        self.n += 1
-        return counter_word(self.seed, self.n - 1)
-
-    def uniform(self, a=0.0, b=1.0):
-        return a + (b - a) * ((self.word() >> 11) * 2.0**-53)
-
-    def below(self, n):
-        return int(n * self.uniform())
-
-    def sign(self):
-        return 1 if self.below(2) == 1 else -1
-
-
-def fnv1a(text):
-    h = 0xcbf29ce484222325
-    for byte in text.encode():
-        h = ((h ^ byte) * 0x100000001b3) & MASK
-    return h
-
-
-def appearance_seed(seed, pair, variant, side):
-    s = counter_word(seed, 0)
-    for word in (fnv1a(pair), variant, side):
-        s = counter_word(s ^ word, 0)
-    return s
-
-
+# ----------------------------------------------------------------------------- what is drawn
 def draw_jitter(strength, random):
     order = [0, 1, 2, 3]
     for i in (3, 2, 1):

@@ -1,7 +1,11 @@
 // iclk_embed as a user runs it: its verdict, and what it has drawn.
+#include <algorithm>
 #include <sstream>
 
 #include <opencv2/imgproc.hpp>
+
+#include "apps/embed/flight.h"
+#include "apps/render/procedural.h"
 
 #include "command_fixture.h"
 #include "device.h"
@@ -14,6 +18,16 @@ cv::Mat marks(const cv::Mat& picture, const cv::Scalar& bgr) {
   cv::Mat mask;
   cv::inRange(picture, bgr, bgr, mask);
   return mask;
+}
+
+/// Where frame `frame` truly sees the landmarks that features are chosen from, px: no depth and no found pose has a part in it.
+std::vector<Eigen::Vector2d> landmark_places(int frame, int width, int height) {
+  const Terrain terrain = procedural_terrain({.seed = 1, .size = 512});
+  const Camera camera{0.9 * width, 0.9 * width, 0.5 * (width - 1), 0.5 * (height - 1), width, height};
+  const SE3 T_CW = embed::camera_pose(terrain, frame).inverse();
+  std::vector<Eigen::Vector2d> places;
+  for (const embed::Landmark& landmark : embed::landmarks(terrain, 3)) places.push_back(camera.project(T_CW * landmark.X));
+  return places;
 }
 
 const cv::Scalar kGreen(0, 255, 0), kRed(0, 0, 255), kMagenta(255, 0, 255);
@@ -53,18 +67,26 @@ TEST(Embed, EveryPoseIsRightAndDrawn) {
   cv::Mat crosses = marks(target, kGreen), rings = marks(target, kMagenta);
   cv::Mat labels, stats, centres;
   const int count = cv::connectedComponentsWithStats(rings, labels, stats, centres);
+  const std::vector<Eigen::Vector2d> places = landmark_places(3, 320, 240);
+  Eigen::Vector2d offset = Eigen::Vector2d::Zero();
   int whole = 0;
   for (int i = 1; i < count; ++i) {
     const cv::Rect box(stats.at<int>(i, cv::CC_STAT_LEFT), stats.at<int>(i, cv::CC_STAT_TOP),
                        stats.at<int>(i, cv::CC_STAT_WIDTH), stats.at<int>(i, cv::CC_STAT_HEIGHT));
     if (box.width < 16 || box.width > 18 || box.height < 16 || box.height > 18) continue;  // cut off, or two that touch
     ++whole;
+    const Eigen::Vector2d ring(box.x + 0.5 * (box.width - 1), box.y + 0.5 * (box.height - 1));
+    offset += *std::min_element(places.begin(), places.end(), [&](const auto& a, const auto& b) {
+      return (a - ring).squaredNorm() < (b - ring).squaredNorm();
+    }) - ring;
     const cv::Moments m = cv::moments(crosses(box), true);
     ASSERT_GT(m.m00, 10) << "no cross in the ring at " << box.x << ", " << box.y;
     EXPECT_NEAR(m.m10 / m.m00, 0.5 * (box.width - 1), 1.1);
     EXPECT_NEAR(m.m01 / m.m00, 0.5 * (box.height - 1), 1.1);
   }
   EXPECT_GE(whole, 15);
+  // Ring and cross would move together if the shader had a wrong depth.
+  EXPECT_LT((offset / whole).norm(), 0.35) << "rings lie beside the landmarks: " << (offset / whole).transpose();
 }
 
 TEST(Embed, ErrorsAreSaid) {

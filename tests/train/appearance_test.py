@@ -43,7 +43,6 @@ def pattern():
     return ((7 * u + 13 * v + 5 * k * (u + 2 * v + 1)) % 97).astype(np.float32) / np.float32(96)
 
 
-@unittest.skipUnless(os.path.exists(EXPECTED), 'tests/apps/appearance_expected.h is not in this tree')
 class Jitter(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
