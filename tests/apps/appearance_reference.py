@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The numbers that appearance_test.cpp expects: colour jitter as torchvision documents it (transforms.functional on float32
-tensors), and the generator by which changes are drawn, the trainer's. Needs numpy and OpenCV; with --torchvision FILE it compares
-its own jitter with torchvision's _functional_tensor.py (which needs torch).
+tensors), and the generator by which changes are drawn, the trainer's. Needs numpy and OpenCV; with --torchvision FILE it
+compares its own jitter with torchvision's _functional_tensor.py (which needs torch).
 
     appearance_reference.py > appearance_expected.h
 
