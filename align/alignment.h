@@ -16,6 +16,8 @@ enum class Status {
   diverged,          ///< the images do not agree at the pose where the iterations ended
 };
 const char* name(Status status);
+/// converged or max_iterations: the pose is an answer, and has a covariance.
+constexpr bool usable(Status status) { return status == Status::converged || status == Status::max_iterations; }
 
 struct IterationTrace {
   SE3 T_10;            ///< after this iteration

@@ -40,13 +40,12 @@ void require_file(const std::string& path, const std::string& where) {
 void add_stages(EvalSample& sample, const PairInput& pair, const RefinedAlignment& result,
                 const std::vector<std::string>& names) {
   sample.found = std::isfinite(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel);
-  const bool believed = result.status == Status::converged || result.status == Status::max_iterations;
   for (const std::string& name : names) {
     StageError next{name, sample.final(), false};
     for (const Stage& stage : result.stages) {
       if (stage.name != name || !sample.found) continue;
       PoseError error = stage_error(pair, result, stage);
-      if (!believed && (name == "pose" || name == "structure"))
+      if (!usable(result.status) && (name == "pose" || name == "structure"))
         error = pose_error(pair.camera, pair.features, result.T_10, *pair.truth);
       if (!std::isfinite(error.e_pixel)) continue;
       next.error = error;

@@ -29,13 +29,9 @@ Json matrix(const Matrix& M) {
   return rows;
 }
 
-bool has_covariance(const RefinedAlignment& result) {
-  return result.status == Status::converged || result.status == Status::max_iterations;
-}
-
 /// No covariance is not a covariance of zero.
 Matrix6d covariance_or_nan(const RefinedAlignment& result) {
-  return has_covariance(result) ? result.covariance : Matrix6d::Constant(NAN);
+  return usable(result.status) ? result.covariance : Matrix6d::Constant(NAN);
 }
 
 Json stages(const PairInput& pair, const RefinedAlignment& result) {
@@ -206,7 +202,7 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   out += format("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
   out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
   out += format("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
-  if (has_covariance(result)) {
+  if (usable(result.status)) {
     const Eigen::Matrix<double, 6, 1> sigma = result.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
     out += format("; 1 sigma %.2f mm, %.4f deg", 1e3 * sigma.head<3>().norm(), kDegrees * sigma.tail<3>().norm());
   }

@@ -20,8 +20,6 @@ class Stopwatch {
   std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
 };
 
-bool usable(Status s) { return s == Status::converged || s == Status::max_iterations; }
-
 Stage& stage(RefinedAlignment& r, const char* name) {
   for (Stage& s : r.stages)
     if (s.name == name) return s;

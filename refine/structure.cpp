@@ -70,7 +70,7 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   result.pose = refine_pose(camera, features, aligned, T_10, options.pose);
   result.inverse_depth = features.inverse_depth;
   result.inverse_depth_sigma = prior_sigmas(features, options.relative_sigma);
-  if (result.pose.status != Status::converged && result.pose.status != Status::max_iterations) return result;
+  if (!usable(result.pose.status)) return result;
 
   // How wrong the positions are decides what the priors weigh, so it is measured first; the floor holds for exact data.
   const double sigma_0 =
