@@ -141,6 +141,11 @@ Model to_model(Safetensors file) {
   model.provenance = plain_text(file, "provenance");
   model.input_channels = static_cast<int>(json(file, "input_channels").integer("input_channels", 3));
   if (model.input_channels != 1 && model.input_channels != 3) refuse("input_channels must be 3 (RGB) or 1 (luma)");
+  if (const std::string* normalisation = file.find_metadata("normalisation")) {
+    if (*normalisation != "fixed" && *normalisation != "image")
+      refuse("normalisation is " + in_quotes(*normalisation) + ", must be fixed or image");
+    if (*normalisation == "image") model.normalisation = Normalisation::image;
+  }
   model.mean = channel_values(file, "mean", model.input_channels, 0);
   model.std = channel_values(file, "std", model.input_channels, 1);
   model.iterations = static_cast<int>(json(file, "iterations").integer("iterations", 100));
@@ -234,6 +239,7 @@ std::vector<uint8_t> model_bytes(const Model& model) {
                    {"damping", internal::exact_text(model.damping)},
                    {"encoder_channels", levels(model.encoder, &ConvLayer::out)},
                    {"encoder_dilations", levels(model.encoder, &ConvLayer::dilation)}};
+  if (model.normalisation == Normalisation::image) file.metadata.emplace_back("normalisation", "image");
   int n = 0;
   const auto add = [&](const std::string& network, const ConvLayer& layer) {
     const std::string name = network + "." + std::to_string(n++);

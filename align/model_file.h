@@ -17,7 +17,8 @@ namespace iclk {
 ///   encoder_dilations    [[1,2,2],[1,2,2]]
 ///   m_estimator_channels, m_estimator_dilations    [16,32,64,1], [1,2,4,1]; both absent: no M-estimator
 ///   input_channels       3 (RGB) or 1 (luma)
-///   mean, std            [0.49,0.48,0.45]: one a channel, of pixels in [0, 1]
+///   normalisation        fixed, or image: see Normalisation; absent: fixed
+///   mean, std            [0.49,0.48,0.45]: one a channel, of pixels in [0, 1] or of the normalised image
 ///   activation           elu
 ///   patch                8: pixels of a feature's patch, one way
 ///   iterations, damping  with which it is meant to be run

@@ -50,6 +50,8 @@ std::string format(const char* pattern, Args... args) {
   return text;
 }
 
+bool by_image(const Model& model) { return model.normalisation == Normalisation::image; }
+
 std::string channels_text(const Model& model, const std::array<float, 3>& values) {
   std::string out;
   for (int c = 0; c < model.input_channels; ++c) out += format(" %.6g", static_cast<double>(values[static_cast<size_t>(c)]));
@@ -82,6 +84,7 @@ nlohmann::ordered_json model_json(const Model& model, int width, int height) {
   out["licence"] = model.licence;
   out["provenance"] = model.provenance;
   out["input_channels"] = model.input_channels;
+  out["normalisation"] = by_image(model) ? "image" : "fixed";
   for (const auto& [key, values] : {std::pair("mean", &model.mean), std::pair("std", &model.std)})
     out[key] = std::vector<float>(values->begin(), values->begin() + model.input_channels);
   out["activation"] = "elu";
@@ -121,7 +124,7 @@ std::string model_table(const Model& model, int width, int height) {
   check_size(model, width, height);
   const bool colour = model.input_channels == 3;
   std::string out = "name         " + model.name + "\nlicence      " + model.licence + "\nprovenance   " + model.provenance;
-  out += "\ninput        " + std::string(colour ? "RGB" : "luma") + ", mean" + channels_text(model, model.mean) + ", std" +
+  out += "\ninput        " + std::string(colour ? "RGB" : "luma") + (by_image(model) ? " normalised by the image" : "") + ", mean" + channels_text(model, model.mean) + ", std" +
          channels_text(model, model.std);
   out += format("\nmade for     %d levels of %d iterations, damping %g, patches of %dx%d\n", model.levels(), model.iterations,
                 model.damping, ICLK_PATCH, ICLK_PATCH);

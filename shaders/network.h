@@ -22,6 +22,16 @@ using uint = uint32_t;
 #define ICLK_WINOGRAD_A 0.70710678
 #define ICLK_WINOGRAD_B 1.41421356
 
+// Strips of rows of which image_moments.comp finds mean and deviation.
+#define ICLK_LIGHT_STRIPS 32
+// Of an image that is normalised by itself, 1 / 255 of the range: less is no texture but rounding.
+#define ICLK_LEAST_DEVIATION 0.003921569
+
+struct MomentsPush {
+  uint width, height;
+  uint row_pixels, pixel_stride, first_image;  // as in NormalisePush
+};
+
 struct NormalisePush {
   uint width, height;
   uint origin;        // first pixel: the image, or a tile of it, begins there

@@ -5,6 +5,8 @@
 #include <iclk/align/internal/kernels.h>
 
 #include "feature_map.comp.spv.h"
+#include "image_light.comp.spv.h"
+#include "image_moments.comp.spv.h"
 #include "normalise.comp.spv.h"
 
 namespace iclk::internal {
@@ -61,6 +63,11 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   activations_[1] = add("activations, odd layers", texels[1] * pass_, precision_);
   weights_ = add("encoder weights", weights, Precision::fp32);
   scratch_ = add("transformed tiles", scratch, Precision::fp32);
+  const auto storage = [&](const char* name, uint64_t floats) {
+    return memory.add(name, 4 * floats * pass_, engine::MemoryKind::device, engine::BufferUse::storage);
+  };
+  light_ = storage("mean and deviation of images", 2);
+  if (by_image()) moments_ = storage("moments of images", 4ull * ICLK_LIGHT_STRIPS * kLanes);
 }
 
 void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
@@ -75,12 +82,22 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
       step.packed = packed.add(model_->encoder[l][i], step.variant);
     }
   write_buffer(context, memory[weights_], packed.data());
+  const uint32_t format = shader_format(format_), channels = static_cast<uint32_t>(model_->input_channels);
+  if (by_image()) {
+    image_moments_ = {context,
+                      {"encode",
+                       image_moments_comp_spv,
+                       {storage_read, storage_write},
+                       sizeof(shaders::MomentsPush),
+                       {kLanes, half, format, channels}}};
+    image_light_ = {context, {"encode", image_light_comp_spv, {storage_read, storage_write}, 0, {kLanes}}};
+  }
   normalise_ = {context,
                 {"encode",
                  normalise_comp_spv,
-                 {storage_read, storage_write},
+                 {storage_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
-                 {kLanes, half, shader_format(format_), static_cast<uint32_t>(model_->input_channels)}}};
+                 {kLanes, half, format, channels, by_image()}}};
   feature_map_ = {context,
                   {"encode",
                    feature_map_comp_spv,
@@ -93,10 +110,21 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
 void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
                      const engine::Buffer& maps, uint32_t first, uint32_t count) const {
   recorder.stage("encode");
-  for (uint32_t done = 0; done < count; done += pass_)
+  for (uint32_t done = 0; done < count; done += pass_) {
+    const uint32_t images = std::min(pass_, count - done);
+    if (by_image()) record_light(recorder, memory, pixels, first + done, images);
     for (const Tiling::Span& row : tiling_.rows)
       for (const Tiling::Span& column : tiling_.columns)
-        record_pass(recorder, memory, pixels, maps, column, row, first + done, std::min(pass_, count - done));
+        record_pass(recorder, memory, pixels, maps, column, row, first + done, images);
+  }
+}
+
+void Encoder::record_light(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
+                           uint32_t first, uint32_t count) const {
+  const shaders::LevelInfo& image = levels_[0].info;
+  const shaders::MomentsPush m{image.width, image.height, row_pixels_, pixel_words_, first};
+  recorder.dispatch(image_moments_, {&pixels, &memory[moments_]}, m, {1, ICLK_LIGHT_STRIPS, count});
+  recorder.dispatch(image_light_, {&memory[moments_], &memory[light_]}, {count, 1, 1});
 }
 
 void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
@@ -121,7 +149,7 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
     n.inverse_std[c] = 1 / model_->std[c];
   }
   convolutions_->record_border(recorder, input, buffer(0));
-  recorder.dispatch(normalise_, {&pixels, &buffer(0)}, n, {engine::groups_for(n.width, kLanes), n.height, count});
+  recorder.dispatch(normalise_, {&pixels, &buffer(0), &memory[light_]}, n, {engine::groups_for(n.width, kLanes), n.height, count});
   for (size_t l = 0; l < levels_.size(); ++l) {
     const Level& level = levels_[l];
     for (ConvStep step : level.steps) {
@@ -165,6 +193,10 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
 }
 
 void Encoder::add_to(engine::ArenaSize& size, uint32_t sources) const {
+  if (by_image()) {
+    size.add(image_moments_, sources);
+    size.add(image_light_, 1);
+  }
   size.add(normalise_, sources);
   size.add(feature_map_, 2 * sources);
   convolutions_->add_to(size);

@@ -35,6 +35,10 @@ class Encoder {
     std::vector<ConvStep> steps;  // of a tile
     shaders::LevelInfo info;      // of the image
   };
+  bool by_image() const { return model_->normalisation == Normalisation::image; }
+  /// Mean and deviation of some images.
+  void record_light(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels, uint32_t first,
+                    uint32_t count) const;
   /// One tile of some images.
   void record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
                    const engine::Buffer& maps, const Tiling::Span& column, const Tiling::Span& row, uint32_t first,
@@ -48,7 +52,8 @@ class Encoder {
   std::vector<Level> levels_;
   uint32_t pass_ = 1;
   engine::BufferId activations_[2], weights_, scratch_;
-  engine::Kernel normalise_, feature_map_;
+  engine::BufferId moments_, light_;  // of the images of a pass, where the model normalises by the image
+  engine::Kernel image_moments_, image_light_, normalise_, feature_map_;
   std::optional<ConvKernels> convolutions_;
 };
 

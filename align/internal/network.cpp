@@ -2,8 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include <Eigen/Core>
+
+#include <iclk/shaders/network.h>
 
 namespace iclk::internal {
 namespace {
@@ -25,6 +28,21 @@ void gather_tap(const Planes& in, int channel, int du, int dv, int v0, int rows,
   }
 }
 
+/// Brings all values together to zero mean and unit deviation.
+void normalise(std::vector<Map>& maps) {
+  double sum = 0, squares = 0, count = 0;
+  for (const Map& map : maps) {
+    sum += std::accumulate(map.data.begin(), map.data.end(), 0.0);
+    count += static_cast<double>(map.data.size());
+  }
+  const double mean = sum / count;
+  for (const Map& map : maps)
+    for (const float x : map.data) squares += (x - mean) * (x - mean);
+  const double inverse = 1 / std::max(std::sqrt(squares / count), ICLK_LEAST_DEVIATION);
+  for (Map& map : maps)
+    for (float& x : map.data) x = static_cast<float>((x - mean) * inverse);
+}
+
 }  // namespace
 
 Planes network_input(const Model& model, const ImageView& image) {
@@ -33,6 +51,7 @@ Planes network_input(const Model& model, const ImageView& image) {
     maps.push_back(grey_map(image));
   else
     maps = rgb_maps(image);
+  if (model.normalisation == Normalisation::image) normalise(maps);
   Planes out(model.input_channels, image.width, image.height);
   for (size_t c = 0; c < maps.size(); ++c) {
     const float mean = model.mean[c], inverse = 1 / model.std[c];

@@ -142,13 +142,12 @@ def motion(pairs):
     """How far cameras move: largest component of rotation, rad, and of translation x mean inverse depth, that 95 % of the
     pairs keep to."""
     rotations = [np.abs(cv2.Rodrigues(p['R'])[0]).max() for p in pairs]
-    inverse = []
-    for p in pairs[::max(1, len(pairs) // 16)]:
+    translations = []
+    for p in pairs[::-(-len(pairs) // 128)]:  # sets of very different depths may be mixed
         depth = read_pair(p)[1]
         if not (depth > 0).any():
             raise InputError(f'depth {p["depth"]}: no pixel has depth; take its line out of the manifest')
-        inverse.append((1 / depth[depth > 0]).mean())
-    translations = [np.abs(p['t']).max() * np.mean(inverse) for p in pairs]
+        translations.append(np.abs(p['t']).max() * (1 / depth[depth > 0]).mean())
     return float(np.quantile(rotations, 0.95)), float(np.quantile(translations, 0.95))
 
 

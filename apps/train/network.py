@@ -6,7 +6,8 @@ import torch.nn as nn
 
 from reference import PATCH, Network, write_safetensors
 
-MEAN, STD = [0.4914, 0.4822, 0.4465], [0.2023, 0.1994, 0.2010]  # of pixels in [0, 1]; the paper's
+# mean and std by model.normalisation: the paper's, of pixels in [0, 1]; none where the image gives them
+NORMALISATION = {'fixed': ([0.4914, 0.4822, 0.4465], [0.2023, 0.1994, 0.2010]), 'image': ([0.0] * 3, [1.0] * 3)}
 
 
 def convolution(cin, cout, dilation):
@@ -29,13 +30,13 @@ class Layers(nn.Sequential):
 
 class TrainedNetwork(Network):
     """`model` of a recipe: encoder_channels and encoder_dilations, a list a level, finest first; m_estimator_channels and
-    m_estimator_dilations, empty for none. Runs as Network does."""
+    m_estimator_dilations, empty for none; normalisation, fixed or image. Runs as Network does."""
 
     def __init__(self, model, bfloat16=False):
         nn.Module.__init__(self)
-        self.model = model
-        self.register_buffer('mean', torch.tensor(MEAN).view(1, -1, 1, 1), persistent=False)
-        self.register_buffer('std', torch.tensor(STD).view(1, -1, 1, 1), persistent=False)
+        self.model, self.normalisation = model, model['normalisation']
+        for name, values in zip(('mean', 'std'), NORMALISATION[self.normalisation]):
+            self.register_buffer(name, torch.tensor(values).view(1, -1, 1, 1), persistent=False)
         self.levels, cin = nn.ModuleList(), 3
         for channels, dilations in zip(model['encoder_channels'], model['encoder_dilations']):
             layers = []
@@ -71,9 +72,12 @@ def export(network, path, name, licence, provenance, iterations, damping):
     for prefix, layers in networks.items():
         for i, (weight, bias) in enumerate(folded(layers)):
             tensors[f'{prefix}.{i}.weight'], tensors[f'{prefix}.{i}.bias'] = weight.cpu(), bias.cpu()
+    mean, std = NORMALISATION[model['normalisation']]
     metadata = {'format': 'iclk-model-1', 'name': name, 'licence': licence, 'provenance': provenance, 'input_channels': '3',
-                'mean': json.dumps(MEAN), 'std': json.dumps(STD), 'activation': 'elu', 'patch': str(PATCH),
+                'mean': json.dumps(mean), 'std': json.dumps(std), 'activation': 'elu', 'patch': str(PATCH),
                 'iterations': str(iterations), 'damping': repr(damping)}
+    if model['normalisation'] != 'fixed':  # what a file without the key has
+        metadata['normalisation'] = model['normalisation']
     for key in ('encoder_channels', 'encoder_dilations', 'm_estimator_channels', 'm_estimator_dilations'):
         if model[key]:
             metadata[key] = json.dumps(model[key])

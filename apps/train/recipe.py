@@ -77,6 +77,7 @@ def check(recipe):
         sizes, dilations = model[network + '_channels'], model[network + '_dilations']
         shape = [[len(level) for level in x] if network == 'encoder' else len(x) for x in (sizes, dilations)]
         need(shape[0] == shape[1], f'model.{network}_dilations', f'must have the lengths of {network}_channels, {sizes}')
+    need(model['normalisation'] in ('fixed', 'image'), 'model.normalisation', 'must be fixed or image')
     need(model['encoder_channels'] and all(model['encoder_channels']), 'model.encoder_channels', 'must have a list a level')
     need(not model['m_estimator_channels'] or model['m_estimator_channels'][-1] == 1, 'model.m_estimator_channels',
          'must end with 1')

@@ -18,6 +18,7 @@ import torch.nn as nn
 import torch.nn.functional as F
 
 PATCH = 8
+LEAST_DEVIATION = 1 / 255  # of an image that is normalised by itself: less is no texture but rounding
 warnings.filterwarnings('ignore', message='scatter_reduce')  # "beta" in 1.13
 
 
@@ -61,11 +62,21 @@ def convolution(tensors, name, dilation):
     return nn.Sequential(conv, nn.ELU(inplace=True))
 
 
-class Network(nn.Module):
-    """Encoder and M-estimator; dilations: a list a level, and one for the M-estimator (empty: none)."""
+def normalised(images):
+    """Each image with zero mean and unit deviation over its pixels and channels: a change of light that is the same for all of
+    them is gone, colours stay."""
+    mean = images.mean((1, 2, 3), keepdim=True)
+    centred = images - mean
+    return centred / centred.square().mean((1, 2, 3), keepdim=True).sqrt().clamp(min=LEAST_DEVIATION)
 
-    def __init__(self, tensors, dilations, m_estimator, mean, std):
+
+class Network(nn.Module):
+    """Encoder and M-estimator; dilations: a list a level, and one for the M-estimator (empty: none); normalisation: 'fixed', or
+    'image' where mean and std are those of an image that has been brought to zero mean and unit deviation."""
+
+    def __init__(self, tensors, dilations, m_estimator, mean, std, normalisation='fixed'):
         super().__init__()
+        self.normalisation = normalisation
         self.register_buffer('mean', torch.tensor(mean).view(1, -1, 1, 1))
         self.register_buffer('std', torch.tensor(std).view(1, -1, 1, 1))
         self.levels, layer = nn.ModuleList(), 0
@@ -83,12 +94,13 @@ class Network(nn.Module):
             sys.exit(f'{path}: no iclk model (format is {metadata.get("format")!r}, must be iclk-model-1)')
         network = Network(tensors, json.loads(metadata['encoder_dilations']),
                           json.loads(metadata.get('m_estimator_dilations', '[]')),
-                          json.loads(metadata['mean']), json.loads(metadata['std']))
+                          json.loads(metadata['mean']), json.loads(metadata['std']), metadata.get('normalisation', 'fixed'))
         return network.eval(), int(metadata['iterations']), float(metadata['damping'])
 
     def forward(self, images, levels=None):
         """(B, channels, h, w) in [0, 1] -> maps (B, 1, h, w), finest first."""
-        x, maps = (images - self.mean) / self.std, []
+        x, maps = (normalised(images) if self.normalisation == 'image' else images), []
+        x = (x - self.mean) / self.std
         for level, layers in enumerate(self.levels[:levels]):
             x = layers(F.avg_pool2d(x, 2) if level else x)
             maps.append(x.mean(1, keepdim=True))

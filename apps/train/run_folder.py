@@ -78,7 +78,9 @@ def load_checkpoint(path):
         state = torch.load(path, map_location='cpu', weights_only=True)
         if not isinstance(state, dict) or state.get('format') != FORMAT:
             raise ValueError(f'its format is not {FORMAT}')
-        return {**json.loads(state.pop('rest')), **state}
+        state = {**json.loads(state.pop('rest')), **state}
+        state['recipe']['model'].setdefault('normalisation', 'fixed')  # of runs from before there was a choice
+        return state
     except Exception as e:  # torch raises RuntimeError, UnpicklingError, EOFError, KeyError, ...
         why = str(e).splitlines()[0] if str(e) else type(e).__name__
         folder = os.path.dirname(path)

@@ -61,6 +61,7 @@ void expect_same(const Model& a, const Model& b) {
   EXPECT_EQ(a.licence, b.licence);
   EXPECT_EQ(a.provenance, b.provenance);
   EXPECT_EQ(a.input_channels, b.input_channels);
+  EXPECT_EQ(a.normalisation, b.normalisation);
   for (int c = 0; c < a.input_channels; ++c) {
     EXPECT_EQ(a.mean[static_cast<size_t>(c)], b.mean[static_cast<size_t>(c)]);
     EXPECT_EQ(a.std[static_cast<size_t>(c)], b.std[static_cast<size_t>(c)]);
@@ -82,6 +83,7 @@ TEST(ModelFile, WhatIsWrittenIsRead) {
   five.name = "five \"levels\" \\ \xc3\xa9";
   five.damping = 0.1;
   five.iterations = 17;
+  five.normalisation = Normalisation::image;
   Model plain = small_model();
   plain.m_estimator.clear();
   for (const Model& model : {small_model(), five, plain}) expect_same(parse_model(model_bytes(model), "m"), model);
@@ -173,8 +175,8 @@ std::vector<uint8_t> changed(const std::function<void(Safetensors&)>& change) {
 
 std::vector<uint8_t> with_metadata(const std::string& key, const std::string& value) {
   return changed([&](Safetensors& file) {
-    for (auto& entry : file.metadata)
-      if (entry.first == key) entry.second = value;
+    std::erase_if(file.metadata, [&](const auto& entry) { return entry.first == key; });
+    file.metadata.emplace_back(key, value);
   });
 }
 
@@ -185,6 +187,7 @@ TEST(ModelFile, MetadataMustFit) {
                    {key, "missing"});
   expect_refused(with_metadata("format", "pt"), {"format is 'pt'", "iclk-model-1"});
   expect_refused(with_metadata("activation", "relu"), {"activation is 'relu'", "'elu'"});
+  expect_refused(with_metadata("normalisation", "batch"), {"normalisation is 'batch'", "fixed or image"});
   expect_refused(with_metadata("patch", "16"), {"patch is '16'", "'8'"});
   expect_refused(with_metadata("name", ""), {"name"});
   expect_refused(with_metadata("name", "\x1b[2J"), {"name", "control characters"});

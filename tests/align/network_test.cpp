@@ -122,6 +122,28 @@ TEST(Network, EveryPixelFormatIsTheSameColours) {
   EXPECT_NEAR(luma.data[0], ((0.299 * 10 + 0.587 * 200 + 0.114 * 30) / 255 - 0.49) / 0.2, 1e-5);
 }
 
+TEST(Network, AnImageThatIsNormalisedByItselfHasTheSameInputInAnyLight) {
+  Model model = random_model({{4}});
+  model.normalisation = Normalisation::image;
+  model.mean = {};
+  model.std = {1, 1, 1};
+  const std::vector<float> pixels = {0.25f, 0.5f, 0.75f, 0.125f, 0.25f, 0.875f};
+  std::vector<float> dark = pixels;
+  for (float& x : dark) x = 0.1f * x + 0.03f;
+  const Planes a = internal::network_input(model, {pixels.data(), 2, 1, 0, PixelFormat::rgb32f});
+  const Planes b = internal::network_input(model, {dark.data(), 2, 1, 0, PixelFormat::rgb32f});
+  double mean = 0, squares = 0;
+  for (size_t i = 0; i < 6; ++i) {
+    EXPECT_NEAR(b.data[i], a.data[i], 1e-5);
+    mean += a.data[i] / 6, squares += a.data[i] * a.data[i] / 6;
+  }
+  EXPECT_NEAR(mean, 0, 1e-6);
+  EXPECT_NEAR(squares, 1, 1e-6);
+  const float flat[] = {0.5f, 0.5f, 0.501f};  // less than a step of eight bits: hardly enlarged
+  const Planes c = internal::network_input(model, {flat, 1, 1, 0, PixelFormat::rgb32f});
+  EXPECT_NEAR(c.data[2] - c.data[0], 0.255, 1e-4);
+}
+
 TEST(Network, WeightsAreEnlargedByPixelAreas) {
   Map in(2, 1);
   in.data = {1, 3};

@@ -38,6 +38,12 @@ inline PlainMaps convolve(const PlainMaps& x, const ConvLayer& layer) {
 /// Feature maps, finest first, of an image of model.input_channels channels in [0, 1].
 inline std::vector<PlainMaps> encode(const Model& model, PlainMaps x, int levels) {
   std::vector<PlainMaps> maps;
+  if (model.normalisation == Normalisation::image) {
+    double mean = 0, variance = 0;
+    for (const double value : x.data) mean += value / static_cast<double>(x.data.size());
+    for (const double value : x.data) variance += (value - mean) * (value - mean) / static_cast<double>(x.data.size());
+    for (double& value : x.data) value = (value - mean) / std::max(std::sqrt(variance), 1 / 255.0);
+  }
   for (int c = 0; c < x.channels; ++c)
     for (int v = 0; v < x.height; ++v)
       for (int u = 0; u < x.width; ++u)
