@@ -124,8 +124,8 @@ std::string model_table(const Model& model, int width, int height) {
   check_size(model, width, height);
   const bool colour = model.input_channels == 3;
   std::string out = "name         " + model.name + "\nlicence      " + model.licence + "\nprovenance   " + model.provenance;
-  out += "\ninput        " + std::string(colour ? "RGB" : "luma") + (by_image(model) ? " normalised by the image" : "") + ", mean" + channels_text(model, model.mean) + ", std" +
-         channels_text(model, model.std);
+  out += "\ninput        " + std::string(colour ? "RGB" : "luma") + (by_image(model) ? " normalised by the image" : "");
+  out += ", mean" + channels_text(model, model.mean) + ", std" + channels_text(model, model.std);
   out += format("\nmade for     %d levels of %d iterations, damping %g, patches of %dx%d\n", model.levels(), model.iterations,
                 model.damping, ICLK_PATCH, ICLK_PATCH);
   out += format("parameters   %zu (%.2f MB)\n", model.parameters(), static_cast<double>(model.parameters()) * 4e-6);

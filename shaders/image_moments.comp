@@ -1,6 +1,6 @@
 #version 460
-// Raw pixels -> count, mean and sum of squared deviations of what each invocation has seen: some columns of a strip of rows, all
-// channels that the model takes together. image_light.comp merges them.
+// Raw pixels -> count, mean and sum of squared deviations of what each invocation has seen: some columns of a strip of rows,
+// all channels that the model takes together. image_light.comp merges them.
 // Groups: (1, ICLK_LIGHT_STRIPS, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

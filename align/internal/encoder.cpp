@@ -149,7 +149,8 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
     n.inverse_std[c] = 1 / model_->std[c];
   }
   convolutions_->record_border(recorder, input, buffer(0));
-  recorder.dispatch(normalise_, {&pixels, &buffer(0), &memory[light_]}, n, {engine::groups_for(n.width, kLanes), n.height, count});
+  recorder.dispatch(normalise_, {&pixels, &buffer(0), &memory[light_]}, n,
+                    {engine::groups_for(n.width, kLanes), n.height, count});
   for (size_t l = 0; l < levels_.size(); ++l) {
     const Level& level = levels_[l];
     for (ConvStep step : level.steps) {

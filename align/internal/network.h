@@ -19,8 +19,8 @@ struct Planes {
   const float* row(int channel, int v) const { return data.data() + plane() * channel + static_cast<size_t>(v) * width; }
 };
 
-/// What the encoder reads: (pixels - mean) / std, pixels in [0, 1] or normalised by the image. Three channels are R, G, B, all the same for a grey image;
-/// one channel is the luma.
+/// What the encoder reads: (pixels - mean) / std, pixels in [0, 1] or normalised by the image. Three channels are R, G, B,
+/// all the same for a grey image; one channel is the luma.
 Planes network_input(const Model& model, const ImageView& image);
 
 /// 3x3 convolution with zero padding of its dilation, bias, ELU. Precondition: in.channels == layer.in.

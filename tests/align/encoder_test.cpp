@@ -15,6 +15,7 @@ struct Case {
   int width, height, levels;
   Normalisation normalisation = Normalisation::fixed;
 };
+constexpr Normalisation by_image = Normalisation::image;
 std::string text(const Case& c) {
   return name(c.variant) + std::string(c.shuffle ? "" : "_plain") + "_format" + std::to_string(static_cast<int>(c.format)) +
          "_" + std::to_string(c.input_channels) + "channels_" + std::to_string(c.width) + "x" + std::to_string(c.height) + "_" +
@@ -71,14 +72,13 @@ TEST_P(EncoderDevice, IsThePlainOneInEveryBatch) {
 
 INSTANTIATE_TEST_SUITE_P(Variants, EncoderDevice,
                          testing::Values(Case{ConvVariant::direct, true, PixelFormat::rgba8, 3, 61, 37, 4},
-                                         Case{ConvVariant::direct, false, PixelFormat::bgra8, 1, 61, 37, 3, Normalisation::image},
-                                         Case{ConvVariant::winograd2, true, PixelFormat::r8, 3, 40, 24, 4, Normalisation::image},
+                                         Case{ConvVariant::direct, false, PixelFormat::bgra8, 1, 61, 37, 3, by_image},
+                                         Case{ConvVariant::winograd2, true, PixelFormat::r8, 3, 40, 24, 4, by_image},
                                          Case{ConvVariant::winograd2, false, PixelFormat::rgba32f, 3, 17, 45, 2},
                                          Case{ConvVariant::winograd4, true, PixelFormat::r32f, 1, 83, 30, 3},
-                                         Case{ConvVariant::winograd4, false, PixelFormat::bgra8, 3, 31, 29, 4, Normalisation::image},
+                                         Case{ConvVariant::winograd4, false, PixelFormat::bgra8, 3, 31, 29, 4, by_image},
                                          Case{ConvVariant::winograd4, true, PixelFormat::rgba32f, 1, 8, 9, 1},
-                                         Case{ConvVariant::direct, true, PixelFormat::rgba32f, 3, 67, 41, 2,
-                                              Normalisation::image}),
+                                         Case{ConvVariant::direct, true, PixelFormat::rgba32f, 3, 67, 41, 2, by_image}),
                          [](const auto& info) { return text(info.param); });
 
 }  // namespace
