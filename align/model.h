@@ -24,8 +24,8 @@ enum class Normalisation {
 /// The learned model: the single-view feature pyramid of Lv et al. 2019 and their convolutional M-estimator. Nothing of its
 /// architecture is fixed here; the paper has four levels of three layers (dilation 1, 2, 2).
 ///
-/// Encoder: x = (pixels - mean) / std, see Normalisation; at level l > 0 x is first halved by 2x2 means (sizes floored); then the
-/// layers of the level; the feature map of the level is the mean over the channels of its last layer.
+/// Encoder: x = (pixels - mean) / std, see Normalisation; at level l > 0 x is first halved by 2x2 means (sizes floored); then
+/// the layers of the level; the feature map of the level is the mean over the channels of its last layer.
 /// M-estimator, once a level at the residual with which it starts: (|r|, f0, warped f1, weight of the coarser level or 1), all
 /// times the mask of visible pixels, through its layers and a sigmoid after the last ELU: the weight, times that mask.
 struct Model {
