@@ -24,6 +24,7 @@ AlignerOptions Model::options() const {
   options.levels = levels();
   options.iterations = iterations;
   options.lambda = damping;
+  options.carry = carry;
   options.robust = Robust::unit;
   options.photometric = false;
   return options;

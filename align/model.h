@@ -36,15 +36,15 @@ struct Model {
   std::vector<std::vector<ConvLayer>> encoder;  ///< a level each, finest first
   std::vector<ConvLayer> m_estimator;           ///< empty: weights are 1
   int iterations = 10;
-  double damping = 1e-6;
+  double damping = 1e-6, carry = 0;  ///< with which it is meant to be run: AlignerOptions
 
   int levels() const { return static_cast<int>(encoder.size()); }
   size_t parameters() const;
   /// Multiply-accumulates of the encoder for one image, `levels` finest levels.
   double encoder_macs(int width, int height, int levels) const;
 
-  /// Options with which this model is meant to be run: its levels, iterations and damping, unit weights (the M-estimator gives
-  /// them), no gain and bias.
+  /// Options with which this model is meant to be run: its levels, iterations, damping and carry, unit weights (the
+  /// M-estimator gives them), no gain and bias.
   AlignerOptions options() const;
 };
 

@@ -150,6 +150,7 @@ Model to_model(Safetensors file) {
   model.std = channel_values(file, "std", model.input_channels, 1);
   model.iterations = static_cast<int>(json(file, "iterations").integer("iterations", 100));
   model.damping = number(json(file, "damping"), "damping");
+  if (file.find_metadata("carry")) model.carry = number(json(file, "carry"), "carry");
 
   const auto channels = level_sizes(file, "encoder_channels", internal::kMaxChannels);
   const auto dilations = level_sizes(file, "encoder_dilations", internal::kMaxDilation);
@@ -239,6 +240,7 @@ std::vector<uint8_t> model_bytes(const Model& model) {
                    {"damping", internal::exact_text(model.damping)},
                    {"encoder_channels", levels(model.encoder, &ConvLayer::out)},
                    {"encoder_dilations", levels(model.encoder, &ConvLayer::dilation)}};
+  if (model.carry != 0) file.metadata.emplace_back("carry", internal::exact_text(model.carry));
   if (model.normalisation == Normalisation::image) file.metadata.emplace_back("normalisation", "image");
   int n = 0;
   const auto add = [&](const std::string& network, const ConvLayer& layer) {

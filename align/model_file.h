@@ -21,7 +21,7 @@ namespace iclk {
 ///   mean, std            [0.49,0.48,0.45]: one a channel, of pixels in [0, 1] or of the normalised image
 ///   activation           elu
 ///   patch                8: pixels of a feature's patch, one way
-///   iterations, damping  with which it is meant to be run
+///   iterations, damping, carry    with which it is meant to be run; carry absent: 0
 /// Other metadata are left alone.
 
 /// Throws Error(io) if the file cannot be read, Error(invalid_argument) if it is no model: the message names the file, what is

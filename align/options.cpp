@@ -25,6 +25,7 @@ void AlignerOptions::check() const {
   need(iterations >= 1 && iterations <= 100, "iterations", iterations, "1 to 100");
   need(std::isfinite(lambda) && lambda >= 0 && lambda <= 1e6, "lambda", lambda, "0 to 1e6");
   need(std::isfinite(step_tolerance) && step_tolerance >= 0, "step_tolerance", step_tolerance, "0 or more");
+  need(carry >= 0 && carry <= 1, "carry", carry, "0 to 1");
   need(min_features >= 3, "min_features", min_features, "3 or more");
   need(min_visible >= 0 && min_visible <= 1, "min_visible", min_visible, "0 to 1");
   need(min_agreement >= -1 && min_agreement <= 1, "min_agreement", min_agreement, "-1 to 1");

@@ -46,6 +46,10 @@ struct AlignerOptions {
   Damping damping = Damping::fixed;
   Robust robust = Robust::huber;
   bool photometric = true;  ///< estimate gain a and bias b of the pair: r = f1(warp) - (a f0 + b)
+  /// Share of what a level has found out about the pose (H / variance of its residuals) that the next finer one keeps as a
+  /// prior. 0, the paper: none, the finest level alone decides, however blurred or noisy it is. A prior of the pair
+  /// (PosePrior) goes the same way from the coarsest level on, and is weighed against that variance, not residual_sigma.
+  double carry = 0;
   /// A level ends early when a step moves no pixel of it by more than this (px of that level). 0: never, as in the paper.
   double step_tolerance = 0.003;
   int min_features = 6;          ///< fewer usable features end in Status::too_few_features

@@ -91,6 +91,7 @@ nlohmann::ordered_json model_json(const Model& model, int width, int height) {
   out["patch"] = ICLK_PATCH;
   out["iterations"] = model.iterations;
   out["damping"] = model.damping;
+  out["carry"] = model.carry;
   out["parameters"] = model.parameters();
   out["bytes"] = model.parameters() * sizeof(float);
   out["width"] = width;
@@ -126,8 +127,8 @@ std::string model_table(const Model& model, int width, int height) {
   std::string out = "name         " + model.name + "\nlicence      " + model.licence + "\nprovenance   " + model.provenance;
   out += "\ninput        " + std::string(colour ? "RGB" : "luma") + (by_image(model) ? " normalised by the image" : "");
   out += ", mean" + channels_text(model, model.mean) + ", std" + channels_text(model, model.std);
-  out += format("\nmade for     %d levels of %d iterations, damping %g, patches of %dx%d\n", model.levels(), model.iterations,
-                model.damping, ICLK_PATCH, ICLK_PATCH);
+  out += format("\nmade for     %d levels of %d iterations, damping %g, carry %g, patches of %dx%d\n", model.levels(),
+                model.iterations, model.damping, model.carry, ICLK_PATCH, ICLK_PATCH);
   out += format("parameters   %zu (%.2f MB)\n", model.parameters(), static_cast<double>(model.parameters()) * 4e-6);
   out += format("\nencoder      ELU; %.3f GMAC an image of %dx%d\n", model.encoder_macs(width, height, model.levels()) * 1e-9,
                 width, height);

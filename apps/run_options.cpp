@@ -31,6 +31,9 @@ void RunOptions::add_to(CLI::App& command) {
       "Pyramid levels: each doubles the motion that can be found; default 4, or all that the model has (fewer: its "
       "finest)");
   command.add_option("--iterations", iterations, "Iterations a level, at most; default 10, or the model's");
+  command.add_option("--carry", carry,
+                     "Share (0 to 1) of what a level has found out about the pose that the next finer one keeps as a prior: "
+                     "blurred and noisy images need it; default 0, the paper's, or the model's");
   command
       .add_option("--robust", robust,
                   "Weights of the residuals; unit is the paper's. huber, tukey and cauchy play down what moved by itself; "
@@ -78,6 +81,7 @@ SessionOptions RunOptions::session(bool guessed) const {
   options.aligner.levels = levels.value_or(options.aligner.levels);
   options.aligner.iterations = iterations.value_or(options.aligner.iterations);
   options.aligner.lambda = lambda.value_or(options.aligner.lambda);
+  options.aligner.carry = carry.value_or(options.aligner.carry);
   if (robust) options.aligner.robust = parse_robust(*robust);
   options.aligner.damping = parse_damping(damping);
   options.aligner.precision = parse_precision(precision);

@@ -15,7 +15,7 @@ struct RunOptions {
   std::string solver = "host", device, model = default_model(), precision = "fp32", damping = "fixed", search = "auto";
   // Without a value: the model's, or the classical mode's.
   std::optional<int> levels, iterations;
-  std::optional<double> lambda;
+  std::optional<double> lambda, carry;
   std::optional<std::string> robust;
   std::optional<bool> photometric;
   StartSearch start_search;

@@ -25,6 +25,8 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "weights.glsl"
 #include "pair.glsl"
 #include "prior.glsl"
+#include "belief.glsl"
+#include "information.glsl"
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 
@@ -55,7 +57,7 @@ void main() {
   uint pair = gl_WorkGroupID.x;
   if (pairs[pair].enabled == 0u) return;
   bool write = gl_LocalInvocationIndex == 0u;
-  bool has_prior = pairs[pair].has_prior != 0u;
+  bool believes = has_belief(pair);
   ReferenceInfo reference = references[pairs[pair].reference];
   uint count = min(levels[push.level].element_count, push.max_elements);
   View view = view_of(pair);
@@ -89,15 +91,16 @@ void main() {
     if (starts) {
       lm_start_photometric(lm);
     } else if (last) {
-      lm_end(lm, pair, has_prior);
+      lm_end(lm, pair, believes);
       break;
     } else {
-      lm_advance(lm, pair, i, has_prior, focal, reference.mean_inverse_depth, write);
+      lm_advance(lm, pair, i, believes, focal, reference.mean_inverse_depth, write);
       taken = i + 1u;
     }
   }
   if (write) {
     store_state(pair, lm);
+    if (!starts) leave_belief(pair, lm, believes);
     if (!starts) states[pair].iterations[push.level] = taken;
   }
 }

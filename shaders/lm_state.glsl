@@ -1,4 +1,5 @@
-// Loads and stores of the state between dispatches, and the trace. Needs lm_step.glsl and the bindings states[] and trace[].
+// Loads and stores of the state between dispatches, and the trace. Needs lm_step.glsl, information.glsl and the
+// bindings states[] and trace[].
 
 #define STORE_POSE(to, T)                                                                                         \
   to[0] = T.R[0][0]; to[1] = T.R[1][0]; to[2] = T.R[2][0]; to[3] = T.t.x; to[4] = T.R[0][1]; to[5] = T.R[1][1];   \
@@ -17,6 +18,7 @@ Lm load_state(uint pair) {
   lm.lambda = states[pair].lambda;
   lm.nu = states[pair].nu;
   lm.last_step = states[pair].last_step;
+  lm.scale = states[pair].belief_scale;
   lm.has_accepted = states[pair].has_accepted != 0u;
   lm.done = states[pair].done != 0u;
   lm.singular = states[pair].singular != 0u;
@@ -40,6 +42,7 @@ void store_state(uint pair, Lm lm) {
   states[pair].lambda = lm.lambda;
   states[pair].nu = lm.nu;
   states[pair].last_step = lm.last_step;
+  states[pair].belief_scale = lm.scale;
   states[pair].has_accepted = lm.has_accepted ? 1u : 0u;
   states[pair].done = lm.done ? 1u : 0u;
   states[pair].singular = lm.singular ? 1u : 0u;
@@ -62,12 +65,12 @@ void begin_level(inout Lm lm) {
 }
 
 // One evaluation arrived in `sums`: judge, step, trace. `first` = iteration number within the level.
-void lm_advance(inout Lm lm, uint pair, uint iteration, bool has_prior, float focal, float mean_inverse_depth, bool write) {
+void lm_advance(inout Lm lm, uint pair, uint iteration, bool believes, float focal, float mean_inverse_depth, bool write) {
   float cost = sums[11].w > 0.0 ? sums[14].x / sums[11].w : 0.0;
   float visible = sums[14].z > 0.0 ? sums[14].y / sums[14].z : 0.0;
-  bool accepted = lm_judge(lm, pair, has_prior);
+  bool accepted = lm_judge(lm, pair, believes);
   float lambda = lm.lambda;
-  lm_propose(lm, pair, has_prior, focal, mean_inverse_depth, push.step_tolerance);
+  lm_propose(lm, pair, believes, focal, mean_inverse_depth, push.step_tolerance);
   if (!write || (push.flags & ICLK_FLAG_NO_TRACE) != 0u) return;
   uint at = pair * push.trace_stride + push.trace_offset + iteration;
   STORE_POSE(trace[at].pose, lm.pose)
@@ -78,9 +81,28 @@ void lm_advance(inout Lm lm, uint pair, uint iteration, bool has_prior, float fo
   trace[at].accepted = accepted ? 1u : 0u;
 }
 
-void lm_end(inout Lm lm, uint pair, bool has_prior) {
-  lm_judge(lm, pair, has_prior);
+void lm_end(inout Lm lm, uint pair, bool believes) {
+  lm_judge(lm, pair, believes);
   lm.pose = lm.accepted_pose;
   lm.gain = lm.accepted_gain;
   lm.bias = lm.accepted_bias;
+}
+
+// After store_state(): what the next finer level shall believe. One invocation.
+void leave_belief(uint pair, Lm lm, bool believes) {
+  if (push.carry == 0.0) return;
+  float information[36], size = 0.0, own;
+  for (uint i = 0u; i < 36u; ++i) {
+    information[i] = push.carry * pose_information(pair, PHOTOMETRIC, i / 6u, i % 6u, own) / lm.scale;
+    size += abs(information[i]);
+  }
+  bool finite = size < 1e30;  // a level without a result must not spoil the next
+  for (uint i = 0u; i < 36u; ++i) information[i] = finite ? information[i] : 0.0;
+  if (believes) {
+    Prior p = belief_at(pair, lm.pose);
+    for (uint i = 0u; i < 36u; ++i) information[i] += p.H[i];
+  }
+  uint to = push.level & 1u;
+  for (uint i = 0u; i < 36u; ++i) states[pair].beliefs[to].information[i] = information[i];
+  STORE_POSE(states[pair].beliefs[to].pose, lm.pose)
 }

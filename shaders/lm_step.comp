@@ -17,6 +17,8 @@ vec4 sums[ICLK_SUM_VECTORS];
 #include "se3.glsl"
 #include "level.glsl"
 #include "prior.glsl"
+#include "belief.glsl"
+#include "information.glsl"
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 shared vec4 total[ICLK_SUM_VECTORS];
@@ -41,18 +43,19 @@ void main() {
   barrier();
   COPY_SUMS(sums, total)
   bool write = lane == 0u;
-  bool has_prior = pairs[pair].has_prior != 0u;
+  bool believes = has_belief(pair);
   ReferenceInfo reference = references[pairs[pair].reference];
   LevelCamera camera = level_camera(reference, levels[push.level], push.level);
   float focal = max(abs(camera.fx), abs(camera.fy));
   if (starts)
     lm_start_photometric(lm);
   else if (ends)
-    lm_end(lm, pair, has_prior);
+    lm_end(lm, pair, believes);
   else
-    lm_advance(lm, pair, push.iterations, has_prior, focal, reference.mean_inverse_depth, write);
+    lm_advance(lm, pair, push.iterations, believes, focal, reference.mean_inverse_depth, write);
   if (write) {
     store_state(pair, lm);
+    if (!starts) leave_belief(pair, lm, believes);
     if (!starts && !ends) states[pair].iterations[push.level] = push.iterations + 1u;
   }
 }

@@ -1,5 +1,5 @@
-// The Levenberg-Marquardt step of align/internal/lm.h in single precision. Needs normal_equations.glsl, prior.glsl and the
-// bindings pairs[], states[] and trace[].
+// The Levenberg-Marquardt step of align/internal/lm.h in single precision. Needs belief.glsl, sums[] and the bindings
+// pairs[], states[] and trace[].
 layout(constant_id = 1) const bool PHOTOMETRIC = true;
 layout(constant_id = 2) const bool ADAPTIVE = false;
 
@@ -11,6 +11,7 @@ struct Lm {
   Pose accepted_pose;
   float accepted_gain, accepted_bias;
   float objective, predicted, lambda, nu, last_step;
+  float scale;  // of beliefs: belief_scale()
   bool has_accepted, done, singular;
 };
 
@@ -32,12 +33,12 @@ void lm_start_photometric(inout Lm lm) {
 }
 
 // Judges the evaluation in `sums`, taken at lm.pose. Returns whether it was accepted.
-bool lm_judge(inout Lm lm, uint pair, bool has_prior) {
-  float objective = sums[14].x;
-  if (ADAPTIVE && has_prior) objective += prior_of(pair, lm.pose).objective;
+bool lm_judge(inout Lm lm, uint pair, bool believes) {
+  float distance = 0.0;
+  if (ADAPTIVE && believes) distance = belief_at(pair, lm.pose).objective;
   if (ADAPTIVE && lm.has_accepted) {
     float share = sums[11].w > 0.0 ? accepted_sums[11].w / sums[11].w : 1e30;
-    float compared = objective + sums[14].x * (share - 1.0);
+    float compared = sums[14].x * share + lm.scale * distance;
     float ratio = lm.predicted > 0.0 ? (lm.objective - compared) / lm.predicted : 0.0;
     if (!(ratio > ICLK_LM_ACCEPT)) {
       lm.lambda = max(lm.lambda * lm.nu, ICLK_LM_REJECTED);
@@ -55,14 +56,15 @@ bool lm_judge(inout Lm lm, uint pair, bool has_prior) {
   lm.accepted_gain = lm.gain;
   lm.accepted_bias = lm.bias;
   COPY_SUMS(accepted_sums, sums)
-  lm.objective = objective;
+  lm.scale = belief_scale(sums[14].x, sums[11].w);
+  lm.objective = sums[14].x + lm.scale * distance;
   lm.has_accepted = true;
   return true;
 }
 
 // The next step from the accepted point: (H + lambda D) xi = g by a Cholesky factorisation of the system scaled to a unit
 // diagonal, T_10 <- T_10 Exp(xi)^-1.
-void lm_propose(inout Lm lm, uint pair, bool has_prior, float focal, float mean_inverse_depth, float step_tolerance) {
+void lm_propose(inout Lm lm, uint pair, bool believes, float focal, float mean_inverse_depth, float step_tolerance) {
   float A[64], g[8], d[8];
 #define ROW(i, lo, hi)                                                                              \
   A[8 * i] = lo.x; A[8 * i + 1] = lo.y; A[8 * i + 2] = lo.z; A[8 * i + 3] = lo.w;                   \
@@ -90,11 +92,11 @@ void lm_propose(inout Lm lm, uint pair, bool has_prior, float focal, float mean_
     }
     A[54] = 1.0; A[63] = 1.0; g[6] = 0.0; g[7] = 0.0;
   }
-  if (has_prior) {
-    Prior p = prior_of(pair, lm.accepted_pose);
+  if (believes) {
+    Prior p = belief_at(pair, lm.accepted_pose);
     [[unroll]] for (int i = 0; i < 6; ++i) {
-      g[i] += p.g[i];
-      [[unroll]] for (int j = 0; j < 6; ++j) A[8 * i + j] += p.H[6 * i + j];
+      g[i] += lm.scale * p.g[i];
+      [[unroll]] for (int j = 0; j < 6; ++j) A[8 * i + j] += lm.scale * p.H[6 * i + j];
     }
   }
 

@@ -14,6 +14,7 @@ layout(set = 0, binding = 4, std430) writeonly buffer Results { ResultInfo resul
 layout(push_constant) uniform Push { ResultPush push; };
 #include "se3.glsl"
 #include "prior.glsl"
+#include "information.glsl"
 #include "moments.glsl"
 
 // iclk::Status
@@ -24,11 +25,6 @@ const uint CONVERGED = 0u, MAX_ITERATIONS = 1u, LOW_OVERLAP = 2u, DEGENERATE = 3
 float H[36], confirmed[36], cross_term[36], both[36];
 float L[36];
 
-float sum8(uint pair, uint i, uint j) {
-  uint lo = min(i, j), hi = max(i, j);
-  return states[pair].sums[hi < 4u ? 4u * lo + hi : (lo < 4u ? 16u + 4u * lo : 32u + 4u * (lo - 4u)) + hi - 4u];
-}
-
 float agreement6(uint pair, uint matrix, uint i, uint j) {
   uint lo = min(i, j), hi = max(i, j);
   return states[pair].agreement[4u * ICLK_MATRIX_VECTORS * matrix + (hi < 4u ? 4u * lo + hi : 16u + 2u * lo + hi - 4u)];
@@ -36,23 +32,18 @@ float agreement6(uint pair, uint matrix, uint i, uint j) {
 
 void gather(uint pair, float variance) {
   float a = states[pair].accepted_gain;
-  float c00 = sum8(pair, 6u, 6u), c01 = sum8(pair, 6u, 7u), c11 = sum8(pair, 7u, 7u), det = c00 * c11 - c01 * c01;
-  bool marginalise = push.parameters > 6.0 && abs(det) > 1e-12 * c00 * c11;
   for (uint i = 0u; i < 6u; ++i)
     for (uint j = 0u; j < 6u; ++j) {
       uint at = 6u * i + j;
-      float own = a * a * sum8(pair, i, j), shared_term = a * agreement6(pair, 0u, i, j), h = own;
-      if (marginalise) {
-        float g0 = sum8(pair, j, 6u), g1 = sum8(pair, j, 7u);
-        h -= a * a * (sum8(pair, i, 6u) * (c11 * g0 - c01 * g1) + sum8(pair, i, 7u) * (c00 * g1 - c01 * g0)) / det;
-      }
+      float own, h = pose_information(pair, push.parameters > 6.0, i, j, own), shared_term = a * agreement6(pair, 0u, i, j);
       H[at] = h;
       confirmed[at] = h - own + shared_term;
       cross_term[at] = shared_term;
       both[at] = 0.5 * (own + agreement6(pair, 1u, i, j));
     }
   if (pairs[pair].has_prior == 0u) return;
-  Prior prior = prior_of(pair, pose_of(states[pair].accepted_pose));
+  Prior prior = prior_of(pose_of(pairs[pair].prior_pose), pairs[pair].prior_information,
+                         pose_of(states[pair].accepted_pose));
   float scale = variance / (push.residual_sigma * push.residual_sigma);
   for (uint at = 0u; at < 36u; ++at) {
     float p = scale * prior.H[at];

@@ -112,6 +112,12 @@ struct PairInfo {
 //   0..3  M[i][0..3] for i = 0..3     4, 5, 6  (M[i][4], M[i][5], M[i+1][4], M[i+1][5]) for i = 0, 2, 4     7 unused
 #define ICLK_MATRIX_VECTORS 8
 
+// What is known of a pair's pose when a level begins: a Gaussian. Information is times residual_sigma^2.
+struct Belief {
+  float pose[12];
+  float information[36];
+};
+
 // What the device solver keeps of a pair from one step to the next, and leaves for the host to read.
 struct PairState {
   float pose[12], gain, bias;  // where to evaluate next
@@ -121,9 +127,11 @@ struct PairState {
   float objective, predicted;
   float lambda, nu;
   float last_step;
+  float belief_scale;  // at the accepted point: belief.glsl
   uint has_accepted, done, singular;
   uint iterations[ICLK_MAX_LEVELS];  // taken at each level
   float scale[ICLK_MAX_LEVELS];      // robust scale of each level
+  Belief beliefs[2];                 // that level l has left for the next finer one: beliefs[l % 2]
 };
 
 // One iteration of the trace.
@@ -206,6 +214,9 @@ struct IteratePush {
   uint trace_stride;  // entries from a pair's trace to the next
   uint trace_offset;  // of this level
   uint max_elements;  // iterate: more take no part
+  float carry;        // share of this level's information that its belief gets; 0: none is left
+  // residual_sigma^-2 if a prior or belief is weighed against the variance that residuals have; 0: against residual_sigma^2
+  float inverse_variance;
 };
 // flags
 #define ICLK_FLAG_UNIT_WEIGHTS 1u  // do not read the weights
@@ -213,6 +224,7 @@ struct IteratePush {
 #define ICLK_FLAG_START 4u         // start gain and bias from the moments of the images, take no step
 #define ICLK_FLAG_NO_TRACE 16u
 #define ICLK_FLAG_GIVEN 8u  // the point is the host's (PairInfo), not the state's
+#define ICLK_FLAG_CARRIED 32u  // the next coarser level has left a belief, the pair's prior is part of it
 
 // The start search: keep `keep` of the `count` candidates of each pair.
 struct SelectPush {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <Eigen/Cholesky>
+#include <Eigen/Dense>
 
 #include <iclk/shaders/shared.h>
 
@@ -12,6 +12,15 @@ namespace iclk::internal {
 Matrix6d prior_information(const PosePrior& prior, const SE3& T_10) {
   const Matrix6d J = inverse_right_jacobian((prior.T_10.inverse() * T_10).log());
   return J.transpose() * prior.information * J;
+}
+
+Matrix6d pose_information(const NormalSums& sums, const Point& at, bool photometric) {
+  Matrix6d H = at.gain * at.gain * sums.H.topLeftCorner<6, 6>();
+  if (!photometric) return H;
+  const Eigen::Matrix<double, 6, 2> B = at.gain * sums.H.topRightCorner<6, 2>();
+  const Eigen::Matrix2d C = sums.H.bottomRightCorner<2, 2>();
+  if (std::abs(C.determinant()) > 1e-12 * C(0, 0) * C(1, 1)) H -= B * C.ldlt().solve(B.transpose());
+  return 0.5 * (H + H.transpose());
 }
 
 void LmIteration::start_photometric(const NormalSums& sums) {
@@ -25,7 +34,22 @@ void LmIteration::start_photometric(const NormalSums& sums) {
   point_.bias = (s1 - point_.gain * s0) / n;
 }
 
+double LmIteration::residual_variance(const NormalSums& sums) const {
+  const AlignerOptions& options = *problem_.options;
+  if (options.carry == 0) return options.residual_sigma * options.residual_sigma;
+  return std::max(sums.mean_cost(), ICLK_LEAST_SIGMA * ICLK_LEAST_SIGMA);
+}
+
+void LmIteration::believe() {
+  const AlignerOptions& options = *problem_.options;
+  Matrix6d information = options.carry / variance_ * pose_information(sums_, accepted_, options.photometric);
+  if (!information.allFinite()) information.setZero();  // a level without a result must not spoil the next
+  if (belief_) information += prior_information(*belief_, point_.T_10);
+  belief_ = PosePrior{point_.T_10, information};
+}
+
 void LmIteration::begin_level(const Camera& level_camera) {
+  if (has_accepted_ && problem_.options->carry > 0) believe();
   focal_ = std::max(std::abs(level_camera.fx), std::abs(level_camera.fy));
   lambda_ = problem_.options->lambda;
   nu_ = 2;
@@ -33,7 +57,7 @@ void LmIteration::begin_level(const Camera& level_camera) {
   last_step_ = 0;
 }
 
-LmIteration::System LmIteration::system(const NormalSums& sums, const Point& at) const {
+LmIteration::System LmIteration::system(const NormalSums& sums, const Point& at, double variance) const {
   System s{sums.H, sums.g, sums.cost};
   // The pose moves gain * f0, so its columns count `gain` times.
   s.H.topRows<6>() *= at.gain;
@@ -45,23 +69,22 @@ LmIteration::System LmIteration::system(const NormalSums& sums, const Point& at)
     s.H(6, 6) = s.H(7, 7) = 1;
     s.g.tail<2>().setZero();
   }
-  if (problem_.prior) {
-    // e(T Exp(xi)^-1) = e - J_r^-1(e) xi, weighted against residuals of variance residual_sigma^2.
-    const double variance = problem_.options->residual_sigma * problem_.options->residual_sigma;
-    const Vector6d e = (problem_.prior->T_10.inverse() * at.T_10).log();
+  if (belief_) {
+    // e(T Exp(xi)^-1) = e - J_r^-1(e) xi, weighted against residuals of that variance.
+    const Vector6d e = (belief_->T_10.inverse() * at.T_10).log();
     const Matrix6d J = inverse_right_jacobian(e);
-    const Matrix6d A = variance * J.transpose() * problem_.prior->information;
+    const Matrix6d A = variance * J.transpose() * belief_->information;
     s.H.topLeftCorner<6, 6>() += A * J;
     s.g.head<6>() += A * e;
-    s.objective += variance * e.dot(problem_.prior->information * e);
+    s.objective += variance * e.dot(belief_->information * e);
   }
   return s;
 }
 
 bool LmIteration::judge(const NormalSums& sums) {
-  System now = system(sums, point_);
   if (problem_.options->damping == Damping::adaptive && has_accepted_) {
     // Pixels that left the image must not count as progress: costs are compared as means, on the accepted point's weight.
+    const System now = system(sums, point_, variance_);
     const double share = sums.weight() > 0 ? sums_.weight() / sums.weight() : 1e30;
     const double objective = now.objective + sums.cost * (share - 1);
     const double ratio = predicted_ > 0 ? (accepted_system_.objective - objective) / predicted_ : 0;
@@ -77,7 +100,8 @@ bool LmIteration::judge(const NormalSums& sums) {
   }
   accepted_ = point_;
   sums_ = sums;
-  accepted_system_ = now;
+  variance_ = residual_variance(sums);
+  accepted_system_ = system(sums, point_, variance_);
   has_accepted_ = true;
   return true;
 }

@@ -13,6 +13,10 @@ struct LmProblem {
   double mean_inverse_depth = 0;     ///< of the reference's mask: turns a translation into pixels
 };
 
+/// What the sums at a point say of the pose: H with the gain's factor on its columns, gain and bias marginalised out. Times
+/// the inverse variance of the residuals it is information.
+Matrix6d pose_information(const NormalSums& sums, const Point& at, bool photometric);
+
 /// Hessian of the prior's cost at a pose: e(T Exp(xi)^-1) = e - J_r^-1(e) xi, so J_r^-T information J_r^-1.
 Matrix6d prior_information(const PosePrior& prior, const SE3& T_10);
 
@@ -21,13 +25,17 @@ Matrix6d prior_information(const PosePrior& prior, const SE3& T_10);
 class LmIteration {
  public:
   LmIteration() = default;
-  LmIteration(const LmProblem& problem, const SE3& T_10) : problem_(problem) { point_.T_10 = T_10; }
+  LmIteration(const LmProblem& problem, const SE3& T_10) : problem_(problem) {
+    point_.T_10 = T_10;
+    if (problem.prior) belief_ = *problem.prior;
+  }
 
   /// Gain and bias from the moments of both images (standard deviations and means): a regression would be biased towards 0
   /// while the images are still far apart. `sums` taken at gain 1, bias 0.
   void start_photometric(const NormalSums& sums);
 
-  /// Level camera of the steps to come. Damping starts anew; the pose stays.
+  /// Level camera of the steps to come. Damping starts anew; the pose stays, and so does what the level before has found out
+  /// about it (AlignerOptions::carry).
   void begin_level(const Camera& level_camera);
 
   /// The sums at point() arrived: judge the step that led there, take the next one.
@@ -48,11 +56,15 @@ class LmIteration {
     Vector8d g;
     double objective;
   };
-  System system(const NormalSums& sums, const Point& at) const;
+  System system(const NormalSums& sums, const Point& at, double variance) const;
+  double residual_variance(const NormalSums& sums) const;
+  void believe();  // what the level has found out
   bool judge(const NormalSums& sums);  // true: the evaluated point is the accepted one
   void propose();
 
   LmProblem problem_;
+  std::optional<PosePrior> belief_;  // the prior, and what coarser levels have found out
+  double variance_ = 1;              // of a residual, at the accepted point
   Point point_, accepted_;
   NormalSums sums_;
   System accepted_system_;

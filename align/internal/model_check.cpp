@@ -47,6 +47,7 @@ void check_model(const Model& model) {
   }
   need_range("iterations", model.iterations, 1, 100);
   need_range("damping", model.damping, 0, 1e6);
+  need_range("carry", model.carry, 0, 1);
   need_range("number of encoder levels", model.levels(), 1, kMaxModelLevels);
   int channels = model.input_channels;
   for (size_t level = 0; level < model.encoder.size(); ++level) {

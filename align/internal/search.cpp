@@ -52,6 +52,8 @@ double search_score(const NormalSums& sums, const Point& at, const StartSearch& 
 SE3 search_start(const std::vector<Template>& pixels, const Pyramid& f1, const Camera& camera, double mean_inverse_depth,
                  const SE3& T_10, const AlignerOptions& options) {
   const StartSearch& search = options.search;
+  AlignerOptions descent = options;
+  descent.carry = 0;  // two levels are too few to gain by it
   const int coarsest = options.levels - 1, finest = std::max(coarsest - 1, 0);
   std::vector<Template> used(static_cast<size_t>(coarsest) + 1);
   for (int l = finest; l <= coarsest; ++l) {
@@ -65,7 +67,7 @@ SE3 search_start(const std::vector<Template>& pixels, const Pyramid& f1, const C
   };
   // From `T` down to `level`, at most `iterations` a level.
   const auto aligned = [&](const SE3& T, int level, int iterations) {
-    LmIteration lm({&options, nullptr, mean_inverse_depth}, T);
+    LmIteration lm({&descent, nullptr, mean_inverse_depth}, T);
     if (options.photometric) lm.start_photometric(sums_at(coarsest, lm.point()));
     for (int l = coarsest; l >= level; --l) {
       lm.begin_level(camera.at_level(l));

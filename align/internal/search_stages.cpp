@@ -26,6 +26,8 @@ void pack_starts(const shaders::PairInfo& pair, uint32_t index, const SE3& T_10,
 void Stages::descend(Recorder& recorder, BufferId candidates, uint32_t count, int finest, int iterations) const {
   const auto dispatch = [&](int level, uint32_t level_iterations, uint32_t flags) {
     shaders::IteratePush p = push(level, level_iterations, flags | ICLK_FLAG_UNIT_WEIGHTS | ICLK_FLAG_NO_TRACE);
+    p.flags &= ~ICLK_FLAG_CARRIED;
+    p.carry = p.inverse_variance = 0;
     p.max_elements = ICLK_SEARCH_FEATURES * ICLK_PATCH_AREA;
     recorder.dispatch(kernels.iterate,
                       {&at(ids.levels), &at(ids.references), &run[candidates], &at(ids.template_a), &at(ids.template_b),

@@ -154,6 +154,11 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
   p.flags = flags | (layout.weighted ? 0u : ICLK_FLAG_UNIT_WEIGHTS);
   p.lambda = static_cast<float>(options.lambda);
   p.step_tolerance = static_cast<float>(options.step_tolerance);
+  if (options.carry > 0) {
+    if (level + 1 < options.levels) p.flags |= ICLK_FLAG_CARRIED;
+    p.carry = level > 0 ? static_cast<float>(options.carry) : 0;
+    p.inverse_variance = static_cast<float>(1 / (options.residual_sigma * options.residual_sigma));
+  }
   p.trace_stride = layout.trace_stride;
   p.trace_offset = static_cast<uint32_t>(level * options.iterations);
   p.max_elements = 0xffffffffu;

@@ -20,16 +20,6 @@ std::string format(const char* text, A... values) {
   return buffer;
 }
 
-// H of the pose with gain and bias marginalised out, and with the gain's factor on the pose's columns.
-Matrix6d pose_information(const NormalSums& sums, const Point& at, bool photometric) {
-  Matrix6d H = at.gain * at.gain * sums.H.topLeftCorner<6, 6>();
-  if (!photometric) return H;
-  const Eigen::Matrix<double, 6, 2> B = at.gain * sums.H.topRightCorner<6, 2>();
-  const Eigen::Matrix2d C = sums.H.bottomRightCorner<2, 2>();
-  if (std::abs(C.determinant()) > 1e-12 * C(0, 0) * C(1, 1)) H -= B * C.ldlt().solve(B.transpose());
-  return 0.5 * (H + H.transpose());
-}
-
 // Information about the pose in units of the residual's variance, gain and bias marginalised out.
 struct Evidence {
   Matrix6d H;          // as the iterations saw it

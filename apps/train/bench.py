@@ -110,7 +110,7 @@ def print_ratios(report):
 
 
 def bench(args):
-    network, iterations, damping = Network.load(args.model)
+    network, options = Network.load(args.model)
     width, height = args.size
     levels = min(args.levels or len(network.levels), len(network.levels))
     network = network.to(args.device)
@@ -126,7 +126,7 @@ def bench(args):
             images = torch.cat([saved['image0'].repeat(repeat), saved['image1'].repeat(repeat)])
             uv, q = saved['features'].repeat(args.batch, 1, 1), saved['inverse_depth'].repeat(args.batch, 1)
             camera = saved['camera'].tolist()
-        report = measure_torch(args, network, images, uv, q, camera, levels, iterations, damping)
+        report = measure_torch(args, network, images, uv, q, camera, levels, options)
         if args.iclk:  # before and after, so that a machine whose speed drifts favours nobody
             ours.append(run_iclk(args, pair_file))
             report['iclk'] = {what: {unit: statistics.mean(o[what][unit] for o in ours) for unit in ('ms', 'cpu_s')}
@@ -134,14 +134,14 @@ def bench(args):
             report['iclk'].update(machine=ours[0]['machine'], profile=ours[0]['profile'])
             maps = network(images, levels)
             R, t = align(network, [m[:1] for m in maps], [m[args.batch:args.batch + 1] for m in maps], camera, uv[:1], q[:1],
-                         iterations, damping)
+                         **options)
             report['difference'] = {'R': float((R - saved['R']).abs().max()),
                                     't': float((t - saved['t']).norm() / saved['t'].norm())}
     if args.json:
         print(json.dumps(report))
         return
     print(f'PyTorch {report["torch"]}, {report["device"]}, {report["threads"]} threads; {width}x{height}, '
-          f'{levels} levels of {iterations} iterations, {uv.shape[1]} features, batches of {args.batch}, '
+          f'{levels} levels of {options["iterations"]} iterations, {uv.shape[1]} features, batches of {args.batch}, '
           f'pixels: {args.pixels}')
     print('                 encode an image         a whole pair\n                     ms   CPU s           ms   CPU s')
     for name in ('nchw', 'channels_last'):
@@ -151,7 +151,7 @@ def bench(args):
         print_ratios(report)
 
 
-def measure_torch(args, network, images, uv, q, camera, levels, iterations, damping):
+def measure_torch(args, network, images, uv, q, camera, levels, options):
     report = {'torch': torch.__version__, 'threads': torch.get_num_threads(),
               'device': torch.cuda.get_device_name() if args.device == 'cuda' else 'cpu',
               'width': images.shape[-1], 'height': images.shape[-2], 'levels': levels, 'batch': args.batch}
@@ -161,8 +161,8 @@ def measure_torch(args, network, images, uv, q, camera, levels, iterations, damp
 
         def pair():
             maps = network(x, levels)
-            return align(network, [m[:args.batch] for m in maps], [m[args.batch:] for m in maps], camera, uv, q, iterations,
-                         damping, args.pixels)
+            return align(network, [m[:args.batch] for m in maps], [m[args.batch:] for m in maps], camera, uv, q,
+                         pixels=args.pixels, **options)
         single = measure(lambda: network(x[:args.batch], levels), args.device, args.repetitions)
         whole = measure(pair, args.device, args.repetitions)
         report[name] = {'encode': {k: v / args.batch for k, v in single.items()},

@@ -3,7 +3,7 @@ import torch
 import torch.nn as nn
 import torch.nn.functional as F
 
-from reference import align, level_weights, move, normal_equations, sparse_level
+from reference import align, damped, level_weights, move, normal_equations, sparse_level
 
 LUMA = (0.299, 0.587, 0.114)
 
@@ -63,8 +63,8 @@ def iterate(network, maps0, maps1, batch, level, R, t, coarser, recipe):
     weights, weight_map = level_weights(network.m_estimator, L, r, warped, seen, coarser)
     inverse_depth, poses = batch['q'].mean(1), []
     for _ in range(loss['iterations']):
-        H, g = normal_equations(L, r, weights * seen, recipe['export']['damping'])
-        xi = safe_step(H, g)
+        H, g = normal_equations(L, r, weights * seen)
+        xi = safe_step(damped(H, recipe['export']['damping']), g)
         if loss['step_bound'] > 0:
             size = xi[:, 3:].norm(dim=1) + xi[:, :3].norm(dim=1) * inverse_depth
             xi = xi * (loss['step_bound'] / size.detach().clamp(min=loss['step_bound']))[:, None]
@@ -157,5 +157,5 @@ def final_errors(network, batch, recipe):
         R, t = identity(batch)
     else:
         R, t = align(network, maps0, maps1, camera_of(batch), batch['uv'], batch['q'], recipe['export']['iterations'],
-                     recipe['export']['damping'], solve=safe_step)
+                     recipe['export']['damping'], solve=safe_step, carry=recipe['export']['carry'])
     return mean_valid(torch.nan_to_num(pixel_errors(batch, R, t), nan=1e4), batch)

@@ -65,7 +65,7 @@ def folded(layers):
     return out
 
 
-def export(network, path, name, licence, provenance, iterations, damping):
+def export(network, path, name, licence, provenance, iterations, damping, carry):
     """Writes a model file of iclk (align/model_file.h), whole or not at all."""
     model, tensors = network.model, {}
     networks = {'encoder': [layer for level in network.levels for layer in level], 'm_estimator': network.m_estimator or []}
@@ -75,7 +75,7 @@ def export(network, path, name, licence, provenance, iterations, damping):
     mean, std = NORMALISATION[model['normalisation']]
     metadata = {'format': 'iclk-model-1', 'name': name, 'licence': licence, 'provenance': provenance, 'input_channels': '3',
                 'mean': json.dumps(mean), 'std': json.dumps(std), 'activation': 'elu', 'patch': str(PATCH),
-                'iterations': str(iterations), 'damping': repr(damping)}
+                'iterations': str(iterations), 'damping': repr(damping), 'carry': repr(carry)}
     if model['normalisation'] != 'fixed':  # what a file without the key has
         metadata['normalisation'] = model['normalisation']
     for key in ('encoder_channels', 'encoder_dilations', 'm_estimator_channels', 'm_estimator_dilations'):

@@ -18,6 +18,7 @@ import torch.nn as nn
 import torch.nn.functional as F
 
 PATCH = 8
+LEAST_VARIANCE = (1 / 510) ** 2  # of a residual
 LEAST_DEVIATION = 1 / 255  # of an image that is normalised by itself: less is no texture but rounding
 warnings.filterwarnings('ignore', message='scatter_reduce')  # "beta" in 1.13
 
@@ -89,13 +90,15 @@ class Network(nn.Module):
 
     @staticmethod
     def load(path):
+        """The network, and what align() is meant to be given with it."""
         metadata, tensors = read_safetensors(path)
         if metadata.get('format') != 'iclk-model-1':
             sys.exit(f'{path}: no iclk model (format is {metadata.get("format")!r}, must be iclk-model-1)')
         network = Network(tensors, json.loads(metadata['encoder_dilations']),
                           json.loads(metadata.get('m_estimator_dilations', '[]')),
                           json.loads(metadata['mean']), json.loads(metadata['std']), metadata.get('normalisation', 'fixed'))
-        return network.eval(), int(metadata['iterations']), float(metadata['damping'])
+        return network.eval(), {'iterations': int(metadata['iterations']), 'damping': float(metadata['damping']),
+                                'carry': float(metadata.get('carry', 0))}
 
     def forward(self, images, levels=None):
         """(B, channels, h, w) in [0, 1] -> maps (B, 1, h, w), finest first."""
@@ -129,6 +132,12 @@ def mask_pixels(uv, q, width, height, level):
     return index, torch.where(owner, q.repeat_interleave(PATCH * PATCH, 1), torch.zeros_like(distance))
 
 
+def hat(v):
+    x, y, z = v.unbind(-1)
+    o = torch.zeros_like(x)
+    return torch.stack([o, -z, y, z, o, -x, -y, x, o], -1).view(-1, 3, 3)
+
+
 def se3_exp(xi):
     """(B, 6) twists [rho, phi] -> rotations and translations. Series where the angle is small, so that derivatives are finite
     at zero."""
@@ -140,11 +149,38 @@ def se3_exp(xi):
     a = torch.where(small, 1 - s / 6 * (1 - s / 20 * (1 - s / 42)), torch.sin(angle) / angle)
     b = torch.where(small, 0.5 - s / 24 * (1 - s / 30 * (1 - s / 56)), (1 - torch.cos(angle)) / safe)
     c = torch.where(small, 1 / 6 - s / 120 * (1 - s / 42 * (1 - s / 72)), (angle - torch.sin(angle)) / (safe * angle))
-    x, y, z = phi.unbind(-1)
-    o = torch.zeros_like(x)
-    W = torch.stack([o, -z, y, z, o, -x, -y, x, o], -1).view(-1, 3, 3)
+    W = hat(phi)
     WW, eye = W @ W, torch.eye(3, dtype=xi.dtype, device=xi.device)
     return eye + a * W + b * WW, ((eye + b * W + c * WW) @ rho[..., None])[..., 0]
+
+
+def se3_log(R, t):
+    """Twists of rotations and translations, angles well below pi."""
+    v = torch.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], 1) / 2  # sin(angle) axis
+    sine = v.norm(dim=1, keepdim=True)
+    angle = torch.atan2(sine, (R.diagonal(dim1=1, dim2=2).sum(1, keepdim=True) - 1) / 2)
+    phi = v * torch.where(sine < 1e-4, 1 + sine * sine / 6, angle / sine.clamp(min=1e-9))
+    W, s = hat(phi), (angle * angle)[..., None]
+    WW, eye = W @ W, torch.eye(3, dtype=R.dtype, device=R.device)
+    V = eye + (0.5 - s / 24 * (1 - s / 30)) * W + (1 / 6 - s / 120 * (1 - s / 42)) * WW
+    return torch.cat([torch.linalg.solve(V, t[..., None])[..., 0], phi], 1)
+
+
+class Belief:
+    """A Gaussian prior on the pose: what coarser levels have found out (AlignerOptions::carry in align/options.h)."""
+
+    def __init__(self, R, t, information):
+        self.R, self.t, self.information = R, t, information
+
+    def at(self, R, t):
+        """Hessian and gradient, in the sense of normal_equations, of e^T information e, e = Log(mean^-1 T)."""
+        Rt = self.R.transpose(1, 2)
+        e = se3_log(Rt @ R, (Rt @ (t - self.t)[..., None])[..., 0])
+        P, W = hat(e[:, :3]), hat(e[:, 3:])
+        ad = torch.cat([torch.cat([W, P], 2), torch.cat([torch.zeros_like(W), W], 2)], 1)
+        J = torch.eye(6, dtype=e.dtype, device=e.device) + ad / 2 + ad @ ad / 12  # J_r^-1
+        A = J.transpose(1, 2) @ self.information
+        return A @ J, (A @ e[..., None])[..., 0]
 
 
 class Level:
@@ -212,11 +248,14 @@ def level_weights(m_estimator, L, r, warped, seen, coarser=None):
     return weight.flatten(1).gather(1, L.index), weight
 
 
-def normal_equations(L, r, weights, damping):
-    """H, damped, and g of sum w r^2."""
+def normal_equations(L, r, weights):
+    """H and g of sum w r^2."""
     WJ = L.J * weights[..., None]
-    H = L.J.transpose(1, 2) @ WJ
-    return H + damping * torch.diag_embed(H.diagonal(dim1=1, dim2=2)), (WJ.transpose(1, 2) @ r[..., None])[..., 0]
+    return L.J.transpose(1, 2) @ WJ, (WJ.transpose(1, 2) @ r[..., None])[..., 0]
+
+
+def damped(H, damping):
+    return H + damping * torch.diag_embed(H.diagonal(dim1=1, dim2=2))
 
 
 def move(R, t, xi):
@@ -225,20 +264,29 @@ def move(R, t, xi):
     return R @ dR, (R @ dt[..., None])[..., 0] + t
 
 
-def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask', solve=torch.linalg.solve):
+def align(network, maps0, maps1, camera, uv, q, iterations=10, damping=1e-6, pixels='mask', solve=torch.linalg.solve,
+          carry=0.0):
     """T_10 as (R, t) of B pairs: maps finest first, features (B, N, 2) and their inverse depths (B, N); camera: fx, fy, cx, cy,
     numbers or tensors (B, 1)."""
     B, dtype, device = uv.shape[0], maps0[0].dtype, uv.device
     R, t = torch.eye(3, dtype=dtype, device=device).repeat(B, 1, 1), torch.zeros(B, 3, dtype=dtype, device=device)
-    weight_map = None
+    weight_map = belief = None
     for level in reversed(range(len(maps0))):
         L = sparse_level(maps0, maps1, camera, uv, q, level, pixels)
         r, warped, seen = L.residual(R, t)
         weights, weight_map = level_weights(network.m_estimator, L, r, warped, seen, weight_map)
         for _ in range(iterations):
-            H, g = normal_equations(L, r, weights * seen, damping)
-            R, t = move(R, t, solve(H, g))
+            w = weights * seen
+            H, g = normal_equations(L, r, w)
+            variance = ((w * r * r).sum(1) / w.sum(1).clamp(min=1e-30)).clamp(min=LEAST_VARIANCE)[:, None]
+            information = carry * H / variance[..., None]
+            if belief:
+                prior_H, prior_g = belief.at(R, t)
+                H, g = H + variance[..., None] * prior_H, g + variance * prior_g
+            R, t = move(R, t, solve(damped(H, damping), g))
             r, _, seen = L.residual(R, t)
+        if carry > 0:
+            belief = Belief(R, t, information + belief.at(R, t)[0] if belief else information)
     return R, t
 
 

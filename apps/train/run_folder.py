@@ -79,7 +79,8 @@ def load_checkpoint(path):
         if not isinstance(state, dict) or state.get('format') != FORMAT:
             raise ValueError(f'its format is not {FORMAT}')
         state = {**json.loads(state.pop('rest')), **state}
-        state['recipe']['model'].setdefault('normalisation', 'fixed')  # of runs from before there was a choice
+        for section, key, before in (('model', 'normalisation', 'fixed'), ('export', 'carry', 0.1)):
+            state['recipe'][section].setdefault(key, before)  # of runs from before there was a choice
         return state
     except Exception as e:  # torch raises RuntimeError, UnpicklingError, EOFError, KeyError, ...
         why = str(e).splitlines()[0] if str(e) else type(e).__name__

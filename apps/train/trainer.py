@@ -262,4 +262,4 @@ def provenance(recipe, data, step, before):
 
 def export_model(network, path, recipe, about, name=None, licence=None):
     export(network, path, name or recipe['name'], licence or recipe['export']['licence'], about[:4000],
-           recipe['export']['iterations'], recipe['export']['damping'])
+           recipe['export']['iterations'], recipe['export']['damping'], recipe['export']['carry'])

@@ -47,6 +47,7 @@ TEST(Options, EachValueHasItsRange) {
   EXPECT_SAYS(with([](AlignerOptions& o) { o.min_visible = 1.5; }), "min_visible is 1.5");
   EXPECT_SAYS(with([](AlignerOptions& o) { o.min_visible = kNaN; }), "min_visible is nan");
   EXPECT_SAYS(with([](AlignerOptions& o) { o.min_correlation = -1.5; }), "min_correlation is -1.5");
+  EXPECT_SAYS(with([](AlignerOptions& o) { o.carry = 1.5; }), "carry is 1.5");
   EXPECT_SAYS(with([](AlignerOptions& o) { o.residual_sigma = 0; }), "residual_sigma is 0");
   EXPECT_SAYS(with([](AlignerOptions& o) { o.min_agreement = 2; }), "min_agreement is 2");
   EXPECT_SAYS(with([](AlignerOptions& o) { o.search.grid = 4; }), "search.grid is 4");

@@ -68,6 +68,7 @@ void expect_same(const Model& a, const Model& b) {
   }
   EXPECT_EQ(a.iterations, b.iterations);
   EXPECT_EQ(a.damping, b.damping);
+  EXPECT_EQ(a.carry, b.carry);
   ASSERT_EQ(a.levels(), b.levels());
   for (size_t l = 0; l < a.encoder.size(); ++l) expect_same(a.encoder[l], b.encoder[l]);
   expect_same(a.m_estimator, b.m_estimator);
@@ -83,6 +84,7 @@ TEST(ModelFile, WhatIsWrittenIsRead) {
   five.name = "five \"levels\" \\ \xc3\xa9";
   five.damping = 0.1;
   five.iterations = 17;
+  five.carry = 0.3;
   five.normalisation = Normalisation::image;
   Model plain = small_model();
   plain.m_estimator.clear();
@@ -199,6 +201,8 @@ TEST(ModelFile, MetadataMustFit) {
   expect_refused(with_metadata("iterations", "0"), {"iterations is 0", "1 to 100"});
   expect_refused(with_metadata("iterations", "1e9"), {"iterations is 1e+09"});
   expect_refused(with_metadata("damping", "-1"), {"damping is -1"});
+  expect_refused(with_metadata("carry", "2"), {"carry is 2", "0 to 1"});
+  expect_refused(with_metadata("carry", "x"), {"'carry'"});
   expect_refused(with_metadata("encoder_channels", "[[2,3],[4]"), {"'encoder_channels'", "the end"});
   expect_refused(with_metadata("encoder_channels", "[[2,3]]"), {"1 levels, encoder_dilations 2"});
   expect_refused(with_metadata("encoder_channels", "[[2],[4]]"), {"the same lengths"});

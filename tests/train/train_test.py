@@ -131,17 +131,19 @@ class Training(unittest.TestCase):
         for text in ('tiny', 'CC0-1.0', '24 steps', 'procedural:3 (seed 0)', 'jitter:0.4'):
             self.assertIn(text, info.stdout)
         network, settings = self.network(), recipe.load(self.recipe, ['data.appearance=["clean"]'])
-        for pair in PairSet(self.set).pairs[:3]:
+        ways = ([], ['--carry', '0'], ['--carry', '1', '--solver', 'device'])
+        for pair, way in zip(PairSet(self.set).pairs[:3], ways):
             batch = {k: x[None] for k, x in make_sample(pair, settings, np.random.default_rng(0), 0, True).items()}
             features = self.file('features.csv')
             with open(features, 'w', encoding='utf-8') as file:
                 file.write('u,v,inverse_depth\n' + ''.join(f'{u},{v},{q:.9g}\n' for (u, v), q in
                                                            zip(batch['uv'][0].tolist(), batch['q'][0].tolist())))
             with torch.no_grad():
-                R, t = align(network, *losses.maps_of(network, batch), losses.camera_of(batch), batch['uv'], batch['q'])
+                R, t = align(network, *losses.maps_of(network, batch), losses.camera_of(batch), batch['uv'], batch['q'],
+                             carry=float(way[1]) if way else settings['export']['carry'])
             camera = ','.join(str(x) for x in pair['camera'])
             command = [ICLK, 'align', pair['reference'], pair['target'], '--features', features, '--camera', camera,
-                       '--model', model, '--json', '--no-refine', '--search', 'off']
+                       '--model', model, '--json', '--no-refine', '--search', 'off', *way]
             found = subprocess.run(command, capture_output=True, text=True)
             T = np.array(json.loads(found.stdout)['stages'][0]['T_10'])
             scene = 1 / float(batch['q'].mean())
@@ -160,7 +162,7 @@ class Training(unittest.TestCase):
                 m.weight.data.uniform_(0.5, 2)
                 m.bias.data.normal_(0, 0.5)
         path = self.file('folded.safetensors')
-        export(network.eval(), path, 'folded', 'CC0-1.0', 'random', 10, 1e-6)
+        export(network.eval(), path, 'folded', 'CC0-1.0', 'random', 10, 1e-6, 0.1)
         plain, images, x = Network.load(path)[0], torch.rand(2, 3, 40, 56), torch.rand(2, 4, 40, 56)
         with torch.no_grad():
             for a, b in zip(network(images), plain(images)):
