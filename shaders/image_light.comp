@@ -26,5 +26,5 @@ void main() {
   barrier();
   if (lane != 0u) return;
   for (uint i = 1u; i < lanes; ++i) all = merged(all, parts[i]);
-  light[image] = vec2(all.y, 1.0 / max(sqrt(all.z / all.x), ICLK_LEAST_DEVIATION));
+  light[image] = vec2(all.y, 1.0 / max(sqrt(all.z / max(all.x, 1.0)), ICLK_LEAST_DEVIATION));
 }

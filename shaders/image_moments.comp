@@ -23,6 +23,9 @@ void main() {
     for (uint u = lane; u < push.width; u += gl_WorkGroupSize.x) {
       vec3 c = colour(base, v * push.row_pixels + u);
       if (luma_only) c = vec3(luma(c));
+      vec3 size = abs(c);
+      bool counts = size.x < ICLK_LARGEST_PIXEL && size.y < ICLK_LARGEST_PIXEL && size.z < ICLK_LARGEST_PIXEL;
+      if (!counts) continue;  // nor does NaN
       if (count == 0u) shift = c.x;
       vec3 d = c - shift;
       sum += luma_only ? d.x : d.x + d.y + d.z;

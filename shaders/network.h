@@ -27,6 +27,9 @@ using uint = uint32_t;
 // Of an image that is normalised by itself, 1 / 255 of the range: less is no texture but rounding.
 #define ICLK_LEAST_DEVIATION 0.003921569
 
+// Larger pixels of an image, and those that are not finite, do not count for its light.
+#define ICLK_LARGEST_PIXEL 1e15
+
 struct MomentsPush {
   uint width, height;
   uint row_pixels, pixel_stride, first_image;  // as in NormalisePush

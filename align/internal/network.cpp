@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include <Eigen/Core>
 
@@ -28,17 +27,22 @@ void gather_tap(const Planes& in, int channel, int du, int dv, int v0, int rows,
   }
 }
 
-/// Brings all values together to zero mean and unit deviation.
+/// Brings all values together to zero mean and unit deviation. A pixel with a channel that is no number has no part in them.
 void normalise(std::vector<Map>& maps) {
+  const size_t pixels = maps.front().data.size();
+  std::vector<bool> counts(pixels);
   double sum = 0, squares = 0, count = 0;
-  for (const Map& map : maps) {
-    sum += std::accumulate(map.data.begin(), map.data.end(), 0.0);
-    count += static_cast<double>(map.data.size());
+  for (size_t i = 0; i < pixels; ++i) {
+    counts[i] = std::all_of(maps.begin(), maps.end(), [&](const Map& m) { return std::abs(m.data[i]) < ICLK_LARGEST_PIXEL; });
+    if (!counts[i]) continue;
+    for (const Map& map : maps) sum += map.data[i];
+    count += static_cast<double>(maps.size());
   }
-  const double mean = sum / count;
+  const double mean = sum / std::max(count, 1.0);
   for (const Map& map : maps)
-    for (const float x : map.data) squares += (x - mean) * (x - mean);
-  const double inverse = 1 / std::max(std::sqrt(squares / count), ICLK_LEAST_DEVIATION);
+    for (size_t i = 0; i < pixels; ++i)
+      if (counts[i]) squares += (map.data[i] - mean) * (map.data[i] - mean);
+  const double inverse = 1 / std::max(std::sqrt(squares / std::max(count, 1.0)), ICLK_LEAST_DEVIATION);
   for (Map& map : maps)
     for (float& x : map.data) x = static_cast<float>((x - mean) * inverse);
 }

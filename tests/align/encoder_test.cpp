@@ -1,6 +1,11 @@
 // The encoder on the device against a plain one.
 #include <gtest/gtest.h>
 
+#include <cmath>
+#include <limits>
+
+#include <iclk/align/internal/network.h>
+
 #include "device_encoder.h"
 #include "plain_network.h"
 
@@ -68,6 +73,28 @@ TEST_P(EncoderDevice, IsThePlainOneInEveryBatch) {
         }
     }
   }
+}
+
+// Pixels that are no numbers spoil what they can be seen from, not the image's mean and deviation.
+TEST(EncoderByImage, HolesAreNoPartOfTheLight) {
+  ICLK_NEED_DEVICE();
+  const auto model = test::odd_model(3);
+  model->normalisation = Normalisation::image;
+  test::DeviceEncoder encoder(model, 90, 40, 1, PixelFormat::rgba32f);
+  encoder.use(ConvVariant::direct);
+  std::mt19937 random(4);
+  std::vector<float> pixels;
+  for (int i = 0; i < 3 * 90 * 40; ++i) pixels.push_back(static_cast<float>(random() % 256) / 255);
+  pixels[0] = NAN, pixels[4] = 3e38f, pixels[8] = -std::numeric_limits<float>::infinity();
+  const ImageView image{pixels.data(), 90, 40, 0, PixelFormat::rgb32f};
+  const auto maps = encoder.encode(std::vector{image}, 1);
+  const Map expected = internal::encode(*model, image, 1).front();
+  const auto& info = encoder.layout.levels[0];
+  for (int v = 0; v < 40; ++v)
+    for (int u = 20; u < 90; ++u)
+      ASSERT_NEAR(maps[info.map_offset + static_cast<uint32_t>(v) * info.pitch + static_cast<uint32_t>(u)], expected.at(u, v),
+                  2e-5)
+          << u << ", " << v;
 }
 
 INSTANTIATE_TEST_SUITE_P(Variants, EncoderDevice,

@@ -139,6 +139,11 @@ TEST(Network, AnImageThatIsNormalisedByItselfHasTheSameInputInAnyLight) {
   }
   EXPECT_NEAR(mean, 0, 1e-6);
   EXPECT_NEAR(squares, 1, 1e-6);
+  std::vector<float> holes = pixels;  // what is no number says nothing of the light
+  holes.insert(holes.end(), {0.5f, NAN, 0.5f, 3e38f, 0.5f, 0.5f});
+  const Planes d = internal::network_input(model, {holes.data(), 4, 1, 0, PixelFormat::rgb32f});
+  for (int channel = 0; channel < 3; ++channel)
+    for (int u = 0; u < 2; ++u) EXPECT_NEAR(d.row(channel, 0)[u], a.row(channel, 0)[u], 1e-5);
   const float flat[] = {0.5f, 0.5f, 0.501f};  // less than a step of eight bits: hardly enlarged
   const Planes c = internal::network_input(model, {flat, 1, 1, 0, PixelFormat::rgb32f});
   EXPECT_NEAR(c.data[2] - c.data[0], 0.255, 1e-4);
