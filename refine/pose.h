@@ -11,7 +11,7 @@
 namespace iclk {
 
 struct PoseOptions {
-  double cauchy_scale = 0.2;  ///< px: a residual of this length has half the weight
+  double cauchy_scale = 0.25;  ///< px: a residual of this length has half the weight
   double min_sigma =
       0.1;  ///< px: what a perfect patch is still wrong by (interpolation, depth, rolling surface); a floor of every covariance
   int iterations = 50;
