@@ -94,10 +94,7 @@ class CarryPose : public Solvers {};
 TEST_P(CarryPose, FinestLevelsInNoiseDoNotDecideAlone) {
   double without = 0, with = 0;
   for (int seed = 0; seed < 4; ++seed) {
-    Relief scene;
-    Vector6d xi;
-    xi << 0.05, -0.06, 0.1, 0.01, 0.012, -0.02;
-    scene.T_10 = SE3::exp(xi);
+    const Relief scene = moved_relief();
     const Features features = random_features(scene, 50);
     Frame image0 = render(scene, 0), image1 = render(scene, 1);
     std::mt19937 random(static_cast<unsigned>(seed));
@@ -118,10 +115,7 @@ TEST_P(CarryPose, FinestLevelsInNoiseDoNotDecideAlone) {
 }
 
 TEST_P(CarryPose, CleanImagesComeOutAsWell) {
-  Relief scene;
-  Vector6d xi;
-  xi << 0.05, -0.06, 0.1, 0.01, 0.012, -0.02;
-  scene.T_10 = SE3::exp(xi);
+  const Relief scene = moved_relief();
   const Features features = random_features(scene, 50);
   AlignerOptions options;
   options.carry = 0.1;

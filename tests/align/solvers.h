@@ -26,6 +26,15 @@ inline const char* name(Way way) {
 /// What ctest shows as the parameter's value.
 inline void PrintTo(Way way, std::ostream* out) { *out << name(way); }
 
+/// A scene whose second view differs in every direction of the pose, by a few pixels.
+inline Relief moved_relief() {
+  Relief scene;
+  Vector6d xi;
+  xi << 0.05, -0.06, 0.1, 0.01, 0.012, -0.02;
+  scene.T_10 = SE3::exp(xi);
+  return scene;
+}
+
 /// r32f: nothing is lost on the way to the device.
 inline Plan plan_for(const Camera& camera, int max_features = 50) {
   Plan plan{camera.width, camera.height};

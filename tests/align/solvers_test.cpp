@@ -149,10 +149,7 @@ TEST_P(Pose, ZeroToleranceTakesEveryIteration) {
 }
 
 TEST_P(Pose, APriorPullsByItsInformation) {
-  Relief scene;
-  Vector6d xi;
-  xi << 0.05, -0.06, 0.1, 0.01, 0.012, -0.02;
-  scene.T_10 = SE3::exp(xi);
+  const Relief scene = moved_relief();
   const Features features = random_features(scene, 50);
   const Frame image0 = render(scene, 0), image1 = render(scene, 1);
   Vector6d elsewhere;
