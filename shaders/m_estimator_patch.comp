@@ -1,6 +1,7 @@
 #version 460
-// Cuts the M-estimator's input around each patch, as wide as its receptive field, zero outside the level.
-// Groups: (ceil(side^2 / local size), n, m), n m >= patches; side = 8 + 2 margin.
+// Cuts the M-estimator's input around each patch, as wide as its receptive field, zero outside the level; or, where the network
+// sees the level in one piece, puts the same border around the level of each pair, and a patch is a level here.
+// Groups: (ceil(pixels of a piece / local size), n, m), n m >= patches.
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "network.h"
@@ -13,27 +14,22 @@ layout(set = 0, binding = 4) uniform samplerBuffer f1_prior;
 layout(set = 0, binding = 5, std430) writeonly buffer Corners { ivec2 corners[]; };
 layout(set = 0, binding = 6, std430) writeonly buffer Out { vec4 texels[]; };
 layout(push_constant) uniform Push { MEstimatorPush push; };
+#include "patch_corner.glsl"
 
 void main() {
   uint patch_index = gl_WorkGroupID.z * gl_NumWorkGroups.y + gl_WorkGroupID.y, id = gl_GlobalInvocationID.x;
-  uint side = ICLK_PATCH + 2u * push.margin;
-  if (patch_index >= push.patches || id >= side * side) return;
+  LevelInfo info = levels[push.level];
+  bool whole = push.whole != 0u;
+  uint width = (whole ? info.width : ICLK_PATCH) + 2u * push.margin, height = (whole ? info.height : ICLK_PATCH) + 2u * push.margin;
+  if (patch_index >= push.patches || id >= width * height) return;
   uint number = push.first_patch + patch_index, pass_pair = number / push.patches_per_pair;
   uint k = number - pass_pair * push.patches_per_pair;
-  LevelInfo info = levels[push.level];
-  ivec2 corner;
-  if (push.dense != 0u) {
-    uint columns = (info.width + ICLK_PATCH - 1u) / ICLK_PATCH;
-    corner = ivec2(k % columns, k / columns) * ICLK_PATCH;
-  } else {
-    vec4 feature = features[pairs[push.first_pair + pass_pair].reference * push.max_features + k];
-    corner = ivec2(floor((feature.xy + 0.5) / float(1u << push.level) - 0.5)) - ICLK_PATCH_BEFORE;
-  }
+  ivec2 corner = whole ? ivec2(0) : patch_corner(push.first_pair + pass_pair, k, info);
   if (id == 0u) corners[patch_index] = corner;
-  ivec2 pixel = corner - int(push.margin) + ivec2(id % side, id / side);
+  ivec2 pixel = corner - int(push.margin) + ivec2(id % width, id / width);
   bool inside = pixel.x >= 0 && pixel.y >= 0 && pixel.x < int(info.width) && pixel.y < int(info.height);
   int at = int(pass_pair * push.inputs_stride) + pixel.y * int(info.width) + pixel.x;
   at = inside ? at : 0;
   vec4 value = vec4(texelFetch(residual_f0, at).xy, texelFetch(f1_prior, at).xy);
-  texels[patch_index * side * side + id] = inside ? value : vec4(0.0);
+  texels[patch_index * width * height + id] = inside ? value : vec4(0.0);
 }

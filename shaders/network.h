@@ -100,6 +100,7 @@ struct MEstimatorPush {
   uint first_patch, patches, patches_per_pair;
   uint margin;  // of the network's receptive field around a patch
   uint dense;   // patches are 8x8 blocks of the level
+  uint whole;   // the network sees the level in one piece, not a piece a patch
 };
 
 #ifdef __cplusplus

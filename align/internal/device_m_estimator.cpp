@@ -32,25 +32,16 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
       map_stride_(layout.map_stride),
       weight_stride_(layout.weight_stride),
       lanes_(context.info().type == engine::DeviceType::cpu ? 32 : 64) {
-  // The output of the last layer is the patch; each layer before sees a dilation more on every side.
-  uint64_t weights = 0, texels[2] = {0, 0};
-  uint32_t in_channels = 4;
+  // The output of the last layer is the piece itself; each layer before sees a dilation more on every side.
   for (const ConvLayer& layer : model_->m_estimator) margin_ += static_cast<uint32_t>(layer.dilation);
-  uint32_t margin = margin_, side = ICLK_PATCH + 2 * margin_, beyond = 0;
-  texels[0] = static_cast<uint64_t>(side) * side;
-  for (size_t i = 0; i < model_->m_estimator.size(); ++i) {
-    const ConvLayer& from = model_->m_estimator[i];
+  uint64_t weights = 0;
+  uint32_t margin = margin_, in_channels = 4;
+  for (const ConvLayer& from : model_->m_estimator) {
     Layer layer{};
     layer.dilation = static_cast<uint32_t>(from.dilation);
-    beyond = std::max(beyond, side * layer.dilation * (ICLK_CONV_ROWS + 2));
-    margin -= layer.dilation;
-    side = ICLK_PATCH + 2 * margin;
-    layer.margin = margin;
-    layer.side = side;
+    layer.margin = margin -= layer.dilation;
     layer.in_planes = planes(in_channels);
     layer.out_channels = in_channels = static_cast<uint32_t>(from.out);
-    uint64_t& most = texels[(i + 1) % 2];
-    most = std::max(most, static_cast<uint64_t>(side) * side * planes(in_channels));
     weights += packed_texels(from, ConvVariant::direct);
     layers_.push_back(layer);
   }
@@ -60,10 +51,13 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
   const uint64_t pixels = static_cast<uint64_t>(levels_[0].width) * levels_[0].height;
   pairs_per_pass_ =
       static_cast<uint32_t>(std::clamp<uint64_t>(kInputBytes / (2 * kInputTexel) / pixels, 1, static_cast<uint64_t>(batch)));
-  const uint64_t patches = static_cast<uint64_t>(pairs_per_pass_) * patches_per_pair(0, max_features_),
-                 both = texels[0] + texels[1];
-  const uint64_t fit = std::min(kPatchBytes / kTexel / both, (range - beyond) / std::max(texels[0], texels[1]));
-  patches_per_chunk_ = static_cast<uint32_t>(std::clamp<uint64_t>(fit, 1, patches));
+  const uint64_t patches = static_cast<uint64_t>(pairs_per_pass_) * patches_per_pair(0, max_features_);
+  room_ = room_of(kPatch);
+  const uint64_t fit =
+      std::min(kPatchBytes / kTexel / (room_.even + room_.odd), (range - room_.beyond) / std::max(room_.even, room_.odd));
+  most_pieces_ = static_cast<uint32_t>(std::clamp<uint64_t>(fit, 1, patches));
+  room_.even = room_.even * most_pieces_ + room_.beyond;
+  room_.odd = room_.odd * most_pieces_ + room_.beyond;
   if (levels_.size() > 1) {
     prior_origin_ = levels_[1].map_offset;
     prior_stride_ = layout.map_stride - prior_origin_;
@@ -83,11 +77,40 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
   prior_ = memory.add("M-estimator weight maps",
                       4 * std::max<uint64_t>(1, static_cast<uint64_t>(prior_stride_) * static_cast<uint64_t>(batch)),
                       MemoryKind::device, BufferUse::storage);
-  corners_ = memory.add("M-estimator patches", 8ull * patches_per_chunk_, MemoryKind::device, BufferUse::storage);
+  corners_ = memory.add("M-estimator patches", 8ull * most_pieces_, MemoryKind::device, BufferUse::storage);
   weights_ = add("M-estimator layers", weights);
-  for (int i = 0; i < 2; ++i)
-    activations_[i] = add(i == 0 ? "patch activations, even layers" : "patch activations, odd layers",
-                          texels[i] * patches_per_chunk_ + beyond);
+  activations_[0] = add("patch activations, even layers", room_.even);
+  activations_[1] = add("patch activations, odd layers", room_.odd);
+}
+
+MEstimator::Room MEstimator::room_of(Size piece) const {
+  Room room;
+  uint64_t width = piece.width + 2 * margin_;
+  room.even = width * (piece.height + 2 * margin_);
+  for (size_t i = 0; i < layers_.size(); ++i) {
+    const Layer& layer = layers_[i];
+    room.beyond = std::max(room.beyond, width * layer.dilation * (ICLK_CONV_ROWS + 2));
+    width = piece.width + 2 * layer.margin;
+    uint64_t& most = i % 2 == 0 ? room.odd : room.even;
+    most = std::max(most, width * (piece.height + 2 * layer.margin) * planes(layer.out_channels));
+  }
+  return room;
+}
+
+uint32_t MEstimator::pieces_that_fit(Size piece) const {
+  const Room one = room_of(piece);
+  if (std::min(room_.even, room_.odd) < one.beyond) return 0;
+  return static_cast<uint32_t>(std::min<uint64_t>(
+      {(room_.even - one.beyond) / one.even, (room_.odd - one.beyond) / one.odd, static_cast<uint64_t>(most_pieces_)}));
+}
+
+// In products of 4 input and 8 output channels with a tap of the kernel.
+uint64_t MEstimator::work_of(Size piece) const {
+  uint64_t work = 0;
+  for (const Layer& layer : layers_)
+    work += static_cast<uint64_t>(piece.width + 2 * layer.margin) * (piece.height + 2 * layer.margin) * layer.in_planes *
+            engine::groups_for(layer.out_channels, ICLK_CONV_CHANNELS);
+  return work;
 }
 
 uint32_t MEstimator::patches_per_pair(int level, uint32_t features) const {
@@ -158,33 +181,54 @@ void MEstimator::record(engine::Recorder& recorder, const engine::Workspace& mem
                       {buffers.levels, buffers.references, buffers.pairs, buffers.template_a, buffers.maps1, buffers.states,
                        &memory[prior_], &memory[residuals_], &memory[inputs_[0]], &memory[inputs_[1]]},
                       push, {engine::groups_for(info.element_count, kLanes), count, 1});
-    const uint32_t patches = push.patches_per_pair * count;
-    for (push.first_patch = 0; push.first_patch < patches; push.first_patch += patches_per_chunk_) {
-      push.patches = std::min(patches_per_chunk_, patches - push.first_patch);
-      record_patches(recorder, memory, push, buffers);
-    }
+    record_pieces(recorder, memory, push, count, buffers);
   }
 }
 
-void MEstimator::record_patches(engine::Recorder& recorder, const engine::Workspace& memory,
-                                const shaders::MEstimatorPush& push, const Buffers& buffers) const {
-  uint32_t side = ICLK_PATCH + 2 * margin_;
+void MEstimator::record_pieces(engine::Recorder& recorder, const engine::Workspace& memory, shaders::MEstimatorPush push,
+                               uint32_t pairs, const Buffers& buffers) const {
+  const shaders::LevelInfo& info = levels_[push.level];
+  const Size level{info.width, info.height};
+  const uint32_t patches_per_pair = push.patches_per_pair;
+  push.whole = work_of(level) < patches_per_pair * work_of(kPatch) && pieces_that_fit(level) > 0;
+  const uint32_t patches_per_piece = push.whole ? patches_per_pair : 1, pieces = pairs * patches_per_pair / patches_per_piece,
+                 step = pieces_that_fit(push.whole ? level : kPatch);
+  for (uint32_t first = 0; first < pieces; first += step) {
+    push.patches_per_pair = patches_per_pair / patches_per_piece;
+    push.first_patch = first;
+    push.patches = std::min(step, pieces - first);
+    record_network(recorder, memory, push, push.whole ? level : kPatch, buffers);
+    push.patches_per_pair = patches_per_pair;
+    push.first_patch *= patches_per_piece;
+    push.patches *= patches_per_piece;
+    recorder.dispatch(weight_,
+                      {buffers.levels, buffers.pairs, buffers.features, &memory[activations_[layers_.size() % 2]],
+                       &memory[residuals_], buffers.weights, &memory[prior_]},
+                      push, {engine::groups_for(push.patches * ICLK_PATCH_AREA, kLanes), 1, 1});
+  }
+}
+
+void MEstimator::record_network(engine::Recorder& recorder, const engine::Workspace& memory,
+                                const shaders::MEstimatorPush& push, Size piece, const Buffers& buffers) const {
+  Size in{piece.width + 2 * margin_, piece.height + 2 * margin_};
   recorder.dispatch(patch_,
                     {buffers.levels, buffers.pairs, buffers.features, &memory[inputs_[0]], &memory[inputs_[1]],
                      &memory[corners_], &memory[activations_[0]]},
-                    push, spread(engine::groups_for(side * side, kLanes), push.patches, 1));
+                    push, spread(engine::groups_for(in.width * in.height, kLanes), push.patches, 1));
   for (size_t i = 0; i < layers_.size(); ++i) {
     const Layer& layer = layers_[i];
+    const Size out{piece.width + 2 * layer.margin, piece.height + 2 * layer.margin};
     shaders::ConvPush conv{};
-    conv.width = conv.height = layer.side;
+    conv.width = out.width;
+    conv.height = out.height;
     conv.images = push.patches;
     conv.dilation = layer.dilation;
-    conv.in_pitch = side;
-    conv.in_plane = side * side;
+    conv.in_pitch = in.width;
+    conv.in_plane = in.width * in.height;
     conv.in_planes = layer.in_planes;
     conv.in_image = conv.in_plane * conv.in_planes;
-    conv.out_pitch = layer.side;
-    conv.out_plane = layer.side * layer.side;
+    conv.out_pitch = out.width;
+    conv.out_plane = out.width * out.height;
     conv.out_planes = planes(layer.out_channels);
     conv.out_image = conv.out_plane * conv.out_planes;
     conv.weights = layer.packed.weights;
@@ -193,16 +237,12 @@ void MEstimator::record_patches(engine::Recorder& recorder, const engine::Worksp
     conv.level_width = levels_[push.level].width;
     conv.level_height = levels_[push.level].height;
     const uint64_t rows =
-        static_cast<uint64_t>(engine::groups_for(layer.side, ICLK_CONV_ROWS * layer.dilation)) * layer.dilation;
+        static_cast<uint64_t>(engine::groups_for(out.height, ICLK_CONV_ROWS * layer.dilation)) * layer.dilation;
     recorder.dispatch(
         convolution_, {&memory[activations_[i % 2]], &memory[weights_], &memory[activations_[(i + 1) % 2]], &memory[corners_]},
-        conv, spread(engine::groups_for(layer.out_channels, ICLK_CONV_CHANNELS), rows * layer.side * push.patches, lanes_));
-    side = layer.side;
+        conv, spread(engine::groups_for(layer.out_channels, ICLK_CONV_CHANNELS), rows * out.width * push.patches, lanes_));
+    in = out;
   }
-  recorder.dispatch(weight_,
-                    {buffers.levels, buffers.pairs, &memory[corners_], &memory[activations_[layers_.size() % 2]],
-                     &memory[residuals_], buffers.weights, &memory[prior_]},
-                    push, {engine::groups_for(push.patches * ICLK_PATCH_AREA, kLanes), 1, 1});
 }
 
 void MEstimator::add_to(engine::ArenaSize& size) const {

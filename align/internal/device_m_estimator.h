@@ -2,12 +2,13 @@
 #include <memory>
 
 #include <iclk/align/internal/convolution.h>
+#include <iclk/shaders/shared.h>
 
 namespace iclk::internal {
 
 /// The convolutional M-estimator of a model on a device: weights of the elements of a level at the residual with which it
-/// starts. Computed for 8x8 patches with as much around them as the network sees: the values of the dense computation, for the
-/// pixels that count only. Levels must come coarse to fine.
+/// starts: the values of the dense computation. Computed for 8x8 patches, each with as much around it as the network sees, or,
+/// where patches lie so close that this is less work, for the level in one piece. Levels must come coarse to fine.
 class MEstimator {
  public:
   /// Arithmetic only: adds its buffers to `memory`. Precondition: the model has an M-estimator, of layers that fit each other.
@@ -29,19 +30,34 @@ class MEstimator {
 
  private:
   struct Layer {
-    uint32_t side;  // of its output
-    uint32_t margin, dilation, in_planes, out_channels;
+    uint32_t margin;  // its output is so much wider than what is wanted, on every side
+    uint32_t dilation, in_planes, out_channels;
     PackedLayer packed;
   };
+  // What the network runs on: a patch or a level, without the border around it.
+  struct Size {
+    uint32_t width, height;
+  };
+  static constexpr Size kPatch{ICLK_PATCH, ICLK_PATCH};
+  // Texels of activations, of the even and of the odd layers: those of a piece, and what kernels read beyond the last one.
+  struct Room {
+    uint64_t even = 0, odd = 0, beyond = 0;
+  };
   uint32_t patches_per_pair(int level, uint32_t features) const;
-  void record_patches(engine::Recorder& recorder, const engine::Workspace& memory, const shaders::MEstimatorPush& push,
-                      const Buffers& buffers) const;
+  Room room_of(Size piece) const;
+  uint32_t pieces_that_fit(Size piece) const;
+  uint64_t work_of(Size piece) const;
+  void record_pieces(engine::Recorder& recorder, const engine::Workspace& memory, shaders::MEstimatorPush push, uint32_t pairs,
+                     const Buffers& buffers) const;
+  void record_network(engine::Recorder& recorder, const engine::Workspace& memory, const shaders::MEstimatorPush& push,
+                      Size piece, const Buffers& buffers) const;
 
   std::shared_ptr<const Model> model_;
   std::vector<shaders::LevelInfo> levels_;
   bool dense_;
   uint32_t max_features_, element_stride_, map_stride_, weight_stride_, prior_origin_ = 0, prior_stride_ = 0, lanes_;
-  uint32_t margin_ = 0, pairs_per_pass_ = 1, patches_per_chunk_ = 1;
+  uint32_t margin_ = 0, pairs_per_pass_ = 1, most_pieces_ = 1;
+  Room room_;
   std::vector<Layer> layers_;
   engine::BufferId inputs_[2], residuals_, prior_, corners_, weights_, activations_[2];
   engine::Kernel input_, patch_, convolution_, weight_;
