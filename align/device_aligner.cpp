@@ -100,7 +100,8 @@ void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Feature
                              memory[ids.entries].as<uint32_t>() + s * layout.entry_stride);
   auto* info = memory[ids.references].as<shaders::ReferenceInfo>() + slot;
   *info = {static_cast<float>(camera.fx), static_cast<float>(camera.fy),          static_cast<float>(camera.cx),
-           static_cast<float>(camera.cy), static_cast<float>(mean_inverse_depth), tile_count};
+           static_cast<float>(camera.cy), static_cast<float>(mean_inverse_depth), tile_count,
+           static_cast<uint32_t>(features.size())};
   auto* list = memory[ids.features].as<shaders::FeatureInfo>() + s * static_cast<size_t>(plan.max_features);
   for (int i = 0; i < features.size(); ++i) {
     const auto k = static_cast<size_t>(i);

@@ -30,9 +30,17 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 
+float patch_step = 1.0;  // in the list of patches; the same arithmetic as search.cpp
+
+void add_chosen(View view, int k, float weight) {
+  int number = int(float(k / ICLK_PATCH_AREA) * patch_step);
+  add_element(view, number * ICLK_PATCH_AREA + k % ICLK_PATCH_AREA, weight);
+}
+ICLK_DEFINE_SUM(add_all_chosen, add_chosen)
+
 void evaluate(View view, uint count) {
   clear_sums();
-  add_elements(view, 0u, count);
+  add_all_chosen(view, 0u, count);
   reduce_sums();
 }
 
@@ -59,7 +67,11 @@ void main() {
   bool write = gl_LocalInvocationIndex == 0u;
   bool believes = has_belief(pair);
   ReferenceInfo reference = references[pairs[pair].reference];
-  uint count = min(levels[push.level].element_count, push.max_elements);
+  uint count = levels[push.level].element_count;
+  if (push.max_features > 0u) {
+    patch_step = max(1.0, float(reference.feature_count) / float(push.max_features));
+    count = min(reference.feature_count, push.max_features) * ICLK_PATCH_AREA;
+  }
   View view = view_of(pair);
   Lm lm = load_state(pair);
   if ((push.flags & ICLK_FLAG_GIVEN) != 0u) {

@@ -48,7 +48,7 @@ using uint = uint32_t;
 // Distance of the starts of a search, pixels of the coarsest level: the basin of an alignment is about 5 wide.
 #define ICLK_SEARCH_CELLS 3.4
 #define ICLK_SEARCH_STARTS 675    // at most: 15 x 15 with three rolls
-#define ICLK_SEARCH_FEATURES 256  // only so many, the first, take part
+#define ICLK_SEARCH_FEATURES 64   // of more, so many take part, evenly out of their list
 
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0
@@ -74,7 +74,8 @@ struct LevelInfo {
 struct ReferenceInfo {
   float fx, fy, cx, cy;  // of level 0
   float mean_inverse_depth;
-  uint tile_count;  // MaskTiles
+  uint tile_count;     // MaskTiles
+  uint feature_count;  // 0 in dense mode
 };
 
 // A feature: pixel of level 0 and inverse depth, 0 = takes no part.
@@ -213,7 +214,7 @@ struct IteratePush {
   float step_tolerance;
   uint trace_stride;  // entries from a pair's trace to the next
   uint trace_offset;  // of this level
-  uint max_elements;  // iterate: more take no part
+  uint max_features;  // iterate: of more, so many take part, evenly out of their list; 0: all
   float carry;        // share of this level's information that its belief gets; 0: none is left
   // residual_sigma^-2 if a prior or belief is weighed against the variance that residuals have; 0: against residual_sigma^2
   float inverse_variance;

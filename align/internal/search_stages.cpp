@@ -28,7 +28,7 @@ void Stages::descend(Recorder& recorder, BufferId candidates, uint32_t count, in
     shaders::IteratePush p = push(level, level_iterations, flags | ICLK_FLAG_UNIT_WEIGHTS | ICLK_FLAG_NO_TRACE);
     p.flags &= ~ICLK_FLAG_CARRIED;
     p.carry = p.inverse_variance = 0;
-    p.max_elements = ICLK_SEARCH_FEATURES * ICLK_PATCH_AREA;
+    p.max_features = ICLK_SEARCH_FEATURES;
     recorder.dispatch(kernels.iterate,
                       {&at(ids.levels), &at(ids.references), &run[candidates], &at(ids.template_a), &at(ids.template_b),
                        &map1(level), &at(ids.weights), &run[*run_ids.search_states], &run[run_ids.trace]},

@@ -161,7 +161,7 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
   }
   p.trace_stride = layout.trace_stride;
   p.trace_offset = static_cast<uint32_t>(level * options.iterations);
-  p.max_elements = 0xffffffffu;
+  p.max_features = 0;
   return p;
 }
 

@@ -92,6 +92,19 @@ TEST_P(Search, IsAboutTheFirstGuess) {
   EXPECT_LT(alone.T_10.log().norm(), 1e-6);
 }
 
+// Of many features some take part, from all of their list: here those at its beginning are of no use.
+TEST_P(Search, OfManyFeaturesSomeOfAllTakePart) {
+  const Relief scene = far_scenes(8)[3];
+  Features features = random_features(scene, 250);
+  std::fill_n(features.inverse_depth.begin(), 150, 0.0);
+  const Frame image0 = render(scene, 0), image1 = render(scene, 1);
+  const Alignment a = align_once(way(), scene, image0, image1, features, searching());
+  EXPECT_TRUE(a.converged()) << a.reason;
+  EXPECT_LT(pixel_error(scene, features, a.T_10), 0.1);
+  const Alignment expected = align_once(Way::cpu, scene, image0, image1, features, searching());
+  EXPECT_LT(distance(a.levels[0].iterations[0].T_10, expected.levels[0].iterations[0].T_10, scene.distance), 1e-3);
+}
+
 // Where no start sees enough the guess stays, and the verdict is the alignment's.
 TEST_P(Search, WithoutAnyUsableStartTheGuessStays) {
   const Relief scene;
