@@ -32,7 +32,7 @@ struct RenderCommand {
   double tilt = 15, translation = 5.1, rotation = 4.47;
   RenderOptions render;
   PairOptions pair;
-  DetectorOptions features;
+  DetectorOptions features{.count = 50};  // the paper's
 };
 
 constexpr double kDegree = M_PI / 180;

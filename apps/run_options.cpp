@@ -114,7 +114,7 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
                   "image), grid, random (uniform, as in the paper)")
       ->capture_default_str()
       ->check(CLI::IsMember({"shi-tomasi", "grid", "random"}));
-  command.add_option("--count", features.count, "Features to choose")->capture_default_str();
+  command.add_option("--count", features.count, "Features to choose; the paper has 50")->capture_default_str();
   command.add_option("--seed", features.seed, "Seed of --detector random")->capture_default_str();
 }
 

@@ -48,7 +48,7 @@ using uint = uint32_t;
 // Distance of the starts of a search, pixels of the coarsest level: the basin of an alignment is about 5 wide.
 #define ICLK_SEARCH_CELLS 3.4
 #define ICLK_SEARCH_STARTS 675    // at most: 15 x 15 with three rolls
-#define ICLK_SEARCH_FEATURES 64   // of more, so many take part, evenly out of their list
+#define ICLK_SEARCH_FEATURES 96   // of more, so many take part, evenly out of their list
 
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0

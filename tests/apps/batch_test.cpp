@@ -37,7 +37,8 @@ TEST_F(Batch, EveryPairGetsItsPose) {
   EXPECT_NE(process.out().find("converged               12"), std::string::npos) << process.out();
   EXPECT_NE(process.out().find("median error of 12 converged pairs"), std::string::npos) << process.out();
   EXPECT_NE(process.out().find("pairs/s"), std::string::npos);
-  EXPECT_EQ(run(manifest("all.jsonl", lines(12)), out.path("f.jsonl"), {"--with-features"}).at("p3")["features"].size(), 50u);
+  EXPECT_EQ(run(manifest("all.jsonl", lines(12)), out.path("f.jsonl"), {"--with-features", "--count", "60"}).at("p3")["features"].size(),
+            60u);
 }
 
 TEST_F(Batch, AgreesWithAlign) {
@@ -258,7 +259,7 @@ TEST_F(Batch, ResultsOfAnotherManifestAreRefused) {
   std::vector<std::string> changed = first;
   changed[2] = line("p2", "b").dump() + " ";
   expect_refused(batch(manifest("changed.jsonl", changed), r), 3, {"'p2'", "changed.jsonl:3"});
-  expect_refused(batch(m, r, {"--count", "60"}), 3, {"--count", "'50'", "'60'"});
+  expect_refused(batch(m, r, {"--count", "60"}), 3, {"--count", "'200'", "'60'"});
   expect_refused(batch(m, m), 3, {"first.jsonl", "not a results file"});
   expect_refused(batch(m, folder_->path("images/a_0.png")), 3, {"a_0.png", "not a results file"});
   // The same text elsewhere means other files, while the first manifest is still where it was.

@@ -283,6 +283,7 @@ TEST(Session, RealPairsMeetTheIssue) {
       session_options.solver = solver;
       InputOptions options;
       options.camera = *sequence.camera;
+      options.detector.count = 50;  // the bounds are of the paper's 50
       if (undistort) options.distortion = parse_distortion("radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633");
       const PairLoader loader(options);
       Session session(session_options);
