@@ -126,7 +126,7 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
       trace.iterations.push_back(lm.step(internal::normal_equations(pixels, target, camera, lm.point(), weights)));
     if (level == 0 || options_.damping == Damping::adaptive)
       lm.end_level(internal::normal_equations(pixels, target, camera, lm.point(), weights));
-    if (level == 0) agreement = internal::agreement(pixels, target, camera, lm.point().T_10, weights);
+    if (level == 0) agreement = internal::agreement(pixels, target, camera, lm.point(), weights);
     out.levels.push_back(std::move(trace));
   }
   internal::conclude({lm.point(), lm.sums(), agreement, lm.singular(), lm.last_step(), keyframe.camera,

@@ -57,11 +57,7 @@ struct DeviceAligner::Impl::HostRun {
     const uint32_t groups = internal::partial_groups(m.layout, m.sizes, 0);
     const float* part = m.memory[m.ids.parts].as<const float>() + i * groups * ICLK_SUM_FLOATS;
     internal::Agreement total;
-    for (uint32_t g = 0; g < groups; ++g) {
-      const internal::Agreement sum = internal::unpack_agreement(part + g * ICLK_SUM_FLOATS);
-      total.cross += sum.cross;
-      total.target += sum.target;
-    }
+    for (uint32_t g = 0; g < groups; ++g) total += internal::unpack_agreement(part + g * ICLK_SUM_FLOATS);
     return total;
   }
 

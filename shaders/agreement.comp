@@ -67,6 +67,35 @@ void add_gradients(View view, int k, float weight) {
 
 ICLK_DEFINE_SUM(add_all_gradients, add_gradients)
 
+// Weight of any element: weights.glsl says where it lies.
+float weight_of(View view, uint k) {
+  if (view.unit_weights) return 1.0;
+  uint lanes = gl_WorkGroupSize.x, in_block = k % (4u * lanes), j = in_block / lanes;
+  vec4 w = weights[view.weight_base + (k - in_block) / 4u + in_block % lanes];
+  return j < 2u ? (j == 0u ? w.x : w.y) : (j == 2u ? w.z : w.w);
+}
+
+// A lane takes whole patches.
+void add_scores(View view, uint begin, uint end) {
+  for (uint first = begin + gl_LocalInvocationIndex * ICLK_PATCH_AREA; first < end;
+       first += gl_WorkGroupSize.x * ICLK_PATCH_AREA) {
+    vec2 score = vec2(0.0);
+    float own = 0.0, seen = 0.0;
+    uint k = first, last = min(first + ICLK_PATCH_AREA, end);
+    do {
+      bool visible;
+      float r = residual_at(view, texelFetch(template_a, view.template_base + int(k)), visible);
+      vec2 s = weight_of(view, k) * r * texelFetch(template_b, view.template_base + int(k)).xy;
+      if (visible) {
+        score += s;
+        own += dot(s, s);
+        seen = 1.0;
+      }
+    } while (++k < last);
+    sums[ICLK_SCORES] += vec4(dot(score, score), own, seen, 0.0);
+  }
+}
+
 void main() {
   uint pair = gl_WorkGroupID.y;
   if (pairs[pair].enabled == 0u) return;
@@ -76,6 +105,7 @@ void main() {
   uint end = min(begin + push.group_elements, levels[push.level].element_count);
   clear_sums();
   add_all_gradients(view, begin, end);
+  add_scores(view, begin, end);
   reduce_sums();
   if (gl_LocalInvocationIndex == 0u) {
     uint at = (pair * push.groups + gl_WorkGroupID.x) * ICLK_SUM_VECTORS;

@@ -20,10 +20,10 @@ layout(push_constant) uniform Push { ResultPush push; };
 // iclk::Status
 const uint CONVERGED = 0u, MAX_ITERATIONS = 1u, LOW_OVERLAP = 2u, DEGENERATE = 3u, TOO_FEW_FEATURES = 4u, DIVERGED = 5u;
 
-// Information about the pose, 6x6: as the iterations saw it, the part that both images confirm, the cross term of both
+// Information about the pose, 6x6: as the iterations saw it, without the prior, the part that both images confirm, the cross term of both
 // gradients, the mean of each image's own.
-float H[36], confirmed[36], cross_term[36], both[36];
-float L[36];
+float H[36], image[36], confirmed[36], cross_term[36], both[36];
+float L[36], inverse[36];  // Cholesky factor, and the inverse of `confirmed`
 
 float agreement6(uint pair, uint matrix, uint i, uint j) {
   uint lo = min(i, j), hi = max(i, j);
@@ -36,7 +36,7 @@ void gather(uint pair, float variance) {
     for (uint j = 0u; j < 6u; ++j) {
       uint at = 6u * i + j;
       float own, h = pose_information(pair, push.parameters > 6.0, i, j, own), shared_term = a * agreement6(pair, 0u, i, j);
-      H[at] = h;
+      H[at] = image[at] = h;
       confirmed[at] = h - own + shared_term;
       cross_term[at] = shared_term;
       both[at] = 0.5 * (own + agreement6(pair, 1u, i, j));
@@ -81,6 +81,27 @@ void inverse_column(uint j, out float x[6]) {
   }
 }
 
+// Agreement::variance_ratio
+float variance_ratio(uint pair) {
+  float patch_scores = states[pair].agreement[4 * ICLK_SCORES], pixel_scores = states[pair].agreement[4 * ICLK_SCORES + 1];
+  float patches = states[pair].agreement[4 * ICLK_SCORES + 2];
+  return pixel_scores > 0.0 ? max(1.0, patch_scores / pixel_scores * 2.0 * patches / max(2.0 * patches - push.parameters, 1.0)) : 1.0;
+}
+
+// both = variance inverse H inverse, units restored.
+void spread(float variance, float d[6]) {
+  for (uint i = 0u; i < 6u; ++i)
+    for (uint j = 0u; j < 6u; ++j) {
+      float s = 0.0;
+      for (uint k = 0u; k < 6u; ++k) {
+        float t = 0.0;
+        for (uint l = 0u; l < 6u; ++l) t += H[6u * k + l] * inverse[6u * l + j];
+        s += inverse[6u * i + k] * t;
+      }
+      both[6u * i + j] = variance * d[i] * d[j] * s;
+    }
+}
+
 // The part of the verdict that the eigenvalues decide. Afterwards `both` holds the covariance.
 uint judge(uint pair, float variance, float correlation) {
   gather(pair, variance);
@@ -111,26 +132,19 @@ uint judge(uint pair, float variance, float correlation) {
   CHOLESKY(both, 0.0, ok)
   CHOLESKY(confirmed, 0.0, ok)
   if (!ok) return DEGENERATE;
-  float inverse[36];
   for (uint j = 0u; j < 6u; ++j) {
     float x[6];
     inverse_column(j, x);
     for (uint i = 0u; i < 6u; ++i) inverse[6u * i + j] = x[i];
   }
-  for (uint i = 0u; i < 6u; ++i)  // variance confirmed^-1 H confirmed^-1, units restored
-    for (uint j = 0u; j < 6u; ++j) {
-      float s = 0.0;
-      for (uint k = 0u; k < 6u; ++k) {
-        float t = 0.0;
-        for (uint l = 0u; l < 6u; ++l) t += H[6u * k + l] * inverse[6u * l + j];
-        s += inverse[6u * i + k] * t;
-      }
-      both[6u * i + j] = variance * d[i] * d[j] * s;
-    }
+  spread(variance, d);
   ReferenceInfo reference = references[pairs[pair].reference];
   float focal = max(abs(reference.fx), abs(reference.fy));
   float turn = sqrt(both[21] + both[28] + both[35]), shift = sqrt(both[0] + both[7] + both[14]);
   float sigma = focal * (turn + reference.mean_inverse_depth * shift);
+  float more = variance_ratio(pair) - 1.0;  // of what the images say of H, not of what the prior does
+  for (uint at = 0u; at < 36u; ++at) H[at] += more * image[at] * d[at / 6u] * d[at % 6u];
+  spread(variance, d);
   return sigma <= ICLK_LARGEST_SIGMA * max(1.0, focal / 500.0) ? CONVERGED : DEGENERATE;
 }
 

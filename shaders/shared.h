@@ -110,8 +110,10 @@ struct PairInfo {
 #define ICLK_SUM_FLOATS 60
 
 // The sums of agreement.comp, in as many vec4: two symmetric 6x6 matrices M, cross from 0 and target from 8:
-//   0..3  M[i][0..3] for i = 0..3     4, 5, 6  (M[i][4], M[i][5], M[i+1][4], M[i+1][5]) for i = 0, 2, 4     7 unused
+//   0..3  M[i][0..3] for i = 0..3     4, 5, 6  (M[i][4], M[i][5], M[i+1][4], M[i+1][5]) for i = 0, 2, 4
+// and between them 7, (patch_scores, pixel_scores, patches, 0) of Agreement.
 #define ICLK_MATRIX_VECTORS 8
+#define ICLK_SCORES 7
 
 // What is known of a pair's pose when a level begins: a Gaussian. Information is times residual_sigma^2.
 struct Belief {

@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include <iclk/align/internal/jacobian.h>
+#include <iclk/shaders/shared.h>
 
 namespace iclk::internal {
 namespace {
@@ -30,16 +31,44 @@ Eigen::Matrix2d warp_jacobian(const Camera& c, const SE3& T_10, const TemplatePi
 
 }  // namespace
 
-Agreement agreement(const Template& pixels, const Map& f1, const Camera& level_camera, const SE3& T_10,
+Agreement& Agreement::operator+=(const Agreement& other) {
+  cross += other.cross;
+  target += other.target;
+  patch_scores += other.patch_scores;
+  pixel_scores += other.pixel_scores;
+  patches += other.patches;
+  return *this;
+}
+
+double Agreement::variance_ratio(double parameters) const {
+  if (!(pixel_scores > 0)) return 1;
+  // Of two numbers a patch, as many as there are parameters have been made zero.
+  return std::max(1.0, patch_scores / pixel_scores * 2 * patches / std::max(2 * patches - parameters, 1.0));
+}
+
+Agreement agreement(const Template& pixels, const Map& f1, const Camera& level_camera, const Point& at,
                     std::span<const float> weights) {
   Agreement sums;
+  Eigen::Vector2d score = Eigen::Vector2d::Zero();  // of the patch
+  bool seen = false;
   for (size_t k = 0; k < pixels.size(); ++k) {
+    if (k % ICLK_PATCH_AREA == 0) {
+      sums.patch_scores += score.squaredNorm();
+      score.setZero();
+      seen = false;
+    }
     const TemplatePixel& p = pixels[k];
     if (!(p.inverse_depth > 0)) continue;
-    const Warped w = warp(level_camera, T_10, p.u, p.v, p.inverse_depth);
+    const Warped w = warp(level_camera, at.T_10, p.u, p.v, p.inverse_depth);
     if (!w.visible) continue;
     const double weight = weights.empty() ? 1.0 : weights[k];
-    const Eigen::RowVector2d g = surface_gradient(f1, w.u, w.v) * warp_jacobian(level_camera, T_10, p);
+    const double r = f1.bilinear(w.u, w.v) - (at.gain * p.f0 + at.bias);
+    const Eigen::Vector2d pixel_score = weight * r * Eigen::Vector2d(p.gu, p.gv);
+    score += pixel_score;
+    sums.pixel_scores += pixel_score.squaredNorm();
+    sums.patches += !seen;
+    seen = true;
+    const Eigen::RowVector2d g = surface_gradient(f1, w.u, w.v) * warp_jacobian(level_camera, at.T_10, p);
     TemplatePixel moved = p;
     moved.gu = static_cast<float>(g.x());
     moved.gv = static_cast<float>(g.y());
@@ -48,6 +77,7 @@ Agreement agreement(const Template& pixels, const Map& f1, const Camera& level_c
     sums.cross += 0.5 * weight * (J0J1 + J0J1.transpose());
     sums.target += weight * J1.transpose() * J1;
   }
+  sums.patch_scores += score.squaredNorm();
   return sums;
 }
 

@@ -79,7 +79,7 @@ WorkgroupSizes::WorkgroupSizes(engine::DeviceType type, const AlignerOptions& op
   iterate = cpu ? 8 : 256;
   map = 64;
   weights = 256;
-  group_elements = cpu ? 800 : 1024;
+  group_elements = cpu ? 768 : 1024;  // whole patches
   // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): an evaluation of n elements is
   // n / 8 * 5 / 4 rounds, and the weights of a level are as many as 11 evaluations.
   const auto evaluations = static_cast<uint32_t>(options.iterations) + 12;

@@ -287,6 +287,9 @@ NormalSums unpack_sums(const float* s) {
 
 Agreement unpack_agreement(const float* s) {
   Agreement a;
+  a.patch_scores = s[4 * ICLK_SCORES];
+  a.pixel_scores = s[4 * ICLK_SCORES + 1];
+  a.patches = s[4 * ICLK_SCORES + 2];
   for (Matrix6d* M : {&a.cross, &a.target}) {
     for (int i = 0; i < 6; ++i)
       for (int j = i; j < 6; ++j) (*M)(i, j) = (*M)(j, i) = s[j < 4 ? 4 * i + j : 16 + 2 * i + j - 4];

@@ -23,6 +23,7 @@ std::string format(const char* text, A... values) {
 // Information about the pose in units of the residual's variance, gain and bias marginalised out.
 struct Evidence {
   Matrix6d H;          // as the iterations saw it
+  Matrix6d image;      // without the prior
   Matrix6d confirmed;  // the part of H that is in both images
   Matrix6d cross;      // of the gradients of both images
   Matrix6d both;       // mean of each image's own
@@ -31,7 +32,7 @@ struct Evidence {
 Evidence evidence_of(const Ending& ending, const Matrix6d& H, double variance) {
   const double a = ending.point.gain;
   const Matrix6d own = a * a * ending.sums.H.topLeftCorner<6, 6>();
-  Evidence e{H, H - own + a * ending.agreement.cross, a * ending.agreement.cross, 0.5 * (own + ending.agreement.target)};
+  Evidence e{H, H, H - own + a * ending.agreement.cross, a * ending.agreement.cross, 0.5 * (own + ending.agreement.target)};
   if (ending.prior) {  // what a prior holds needs no image
     const Matrix6d prior = variance * prior_information(*ending.prior, ending.point.T_10);
     for (Matrix6d* m : {&e.H, &e.confirmed, &e.cross, &e.both}) *m += prior;
@@ -112,7 +113,9 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
                                 ending.mean_inverse_depth * std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
   if (!(sigma <= ICLK_LARGEST_SIGMA * std::max(1.0, focal / 500)))
     return end(Status::degenerate, format("too little texture: the pose is uncertain by %.2g px (standard deviation)", sigma));
-  out.covariance = 0.5 * (covariance + covariance.transpose());
+  const double more = ending.agreement.variance_ratio(options.photometric ? 8 : 6) - 1;
+  const Matrix6d dependent = covariance + more * variance * inverse * evidence.image * inverse;
+  out.covariance = 0.5 * (dependent + dependent.transpose());
   if (ending.last_step > still_moving(options))
     return end(Status::max_iterations,
                format("still moving by %.3f px after %d iterations at the finest level", ending.last_step, options.iterations));
