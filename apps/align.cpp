@@ -28,7 +28,7 @@ const char* const kFooter =
     "  iclk align a.png b.png --features points.csv --camera camchain.yaml --json > result.json\n"
     "  iclk align a.png b.png --depth a_depth.tiff --camera camera.txt --distortion radtan:0.26,-0.95,-0.005,0.003,1.16\n"
     "  iclk align a.png b.png --features points.csv --camera camera.txt --model model.safetensors --solver device\n"
-    "  iclk align a.png b.png --depth a_depth.png --depth-scale 1000 --camera calibration.yaml --solver cpu --count 200\n"
+    "  iclk align a.png b.png --depth a_depth.png --depth-scale 1000 --camera calibration.yaml --solver cpu --count 50\n"
     "\n";
 
 void run_align(const AlignOptions& options, int& exit) {

@@ -83,7 +83,7 @@ void add_demo(CLI::App& app, int& exit) {
       ->type_name("DIR");
   command->add_option("--count", options->features.count, "Features")->capture_default_str();
   options->run.add_to(*command);
-  command->footer(std::string("Examples:\n  iclk demo\n  iclk demo --solver cpu --count 200 --out demo200\n\n") +
+  command->footer(std::string("Examples:\n  iclk demo\n  iclk demo --solver cpu --count 50 --out demo50\n\n") +
                   kExitCodesHelp);
   command->callback([options, &exit] { run_demo(*options, exit); });
 }

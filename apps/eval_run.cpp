@@ -45,7 +45,7 @@ void add_stages(EvalSample& sample, const PairInput& pair, const RefinedAlignmen
     for (const Stage& stage : result.stages) {
       if (stage.name != name || !sample.found) continue;
       PoseError error = stage_error(pair, result, stage);
-      if (!usable(result.status) && (name == "pose" || name == "structure"))
+      if ((!usable(result.status) || !result.refined) && (name == "pose" || name == "structure"))
         error = pose_error(pair.camera, pair.features, result.T_10, *pair.truth);
       if (!std::isfinite(error.e_pixel)) continue;
       next.error = error;

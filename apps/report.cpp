@@ -133,11 +133,11 @@ std::string hint(Status status, bool feature_file) {
     case Status::degenerate:
       if (feature_file)
         return "the images do not determine the pose: more features are needed, on texture and spread over the image";
-      return "the images do not determine the pose: they need texture spread over the image and depth, try --count 200 or "
+      return "the images do not determine the pose: they need texture spread over the image and depth, try --count 400 or "
              "--detector grid";
     case Status::too_few_features:
       if (feature_file) return "the feature file needs more points that lie inside the reference, on texture, and have a depth";
-      return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 200 or "
+      return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 400 or "
              "--detector grid";
     case Status::diverged:
       return "the images do not agree: is the motion larger than the search finds, some 10 degrees (give --initial-pose or a "
@@ -154,6 +154,7 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
       {"align", number(t.align)},     {"total", number(pair.load_ms + pair.detect_ms + t.setup + t.prepare + t.align)}};
   return {{"status", name(result.status)},
           {"reason", result.reason},
+          {"refined", result.refined},
           {"T_10", matrix(result.T_10.matrix())},
           {"covariance", matrix(covariance_or_nan(result))},
           {"stages", stages(pair, result)},

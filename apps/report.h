@@ -14,6 +14,7 @@ namespace iclk {
 /// The JSON contract of `iclk align` and of a line of `iclk batch`:
 ///
 ///   status, reason       Status and the words with its numbers
+///   refined              pose and covariance are the refinement's; false: ICLK's
 ///   T_10                 4x4, row-major nested lists: the final pose, camera 0 to camera 1
 ///   covariance           6x6 of [rho, phi], T_10 = mean Exp(xi); nulls where there is none
 ///   stages               name, T_10, cost, ms; with a truth e_pixel [px], e_transl [m], e_rot [rad]

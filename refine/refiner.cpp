@@ -63,8 +63,8 @@ std::vector<bool> aligned_set(const std::vector<AlignedFeature>& features) {
   return set;
 }
 
-/// The verdict over the whole way; `pose` is the last round's.
-void decide(const View& view, const PoseResult& pose, const RefinerOptions& options, RefinedAlignment& r) {
+/// The verdict over the whole way; `pose` is the last round's. False if features speak against the pose that ICLK found.
+bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, RefinedAlignment& r) {
   r.visible = 0;
   int candidates = 0;  // visible and textured: the rest says nothing about the pose
   for (size_t i = 0; i < view.checks.size(); ++i) {
@@ -76,9 +76,10 @@ void decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   r.inliers = pose.inliers;
   r.sigma = pose.sigma;
   std::ostringstream why;
-  const auto end = [&](Status status) {
+  const auto end = [&](Status status, bool compatible = true) {
     r.status = status;
     r.reason = why.str();
+    return compatible;
   };
   if (candidates < options.min_inliers && r.inliers < options.min_inliers) {
     why << candidates << " features with texture inside the target, " << options.min_inliers << " needed; "
@@ -100,12 +101,12 @@ void decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   if (!(median <= options.max_correction)) {
     why << "refinement moved the features by " << median << " px (median), more than the " << options.max_correction
         << " px that it may correct";
-    return end(Status::diverged);
+    return end(Status::diverged, false);
   }
   why << r.aligned << " of " << r.visible << " visible features aligned, " << r.inliers << " agree on the pose, residual sigma "
       << r.sigma << " px, " << r.rounds << (r.rounds == 1 ? " round" : " rounds");
   if (pose.status == Status::max_iterations) why << "; " << pose.reason;
-  end(pose.status);
+  return end(pose.status);
 }
 
 }  // namespace
@@ -201,8 +202,17 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
   for (size_t i = 0; i < pairs.size(); ++i) {
     RefinedAlignment& r = results[i];
     if (r.rounds == 0) continue;
-    decide(view(i), poses[i], options_, r);
-    if (!usable(r.status)) continue;  // T_10 stays ICLK's
+    const bool compatible = decide(view(i), poses[i], options_, r);
+    if (!usable(r.status)) {  // T_10 stays ICLK's
+      if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
+        r.reason = r.iclk.reason + "; not refined: " + r.reason;
+        r.status = r.iclk.status;
+        r.covariance = r.iclk.covariance;
+        r.features.clear();  // what was found is not where the pose puts it
+      }
+      continue;
+    }
+    r.refined = true;
     r.T_10 = poses[i].T_10;
     r.covariance = poses[i].covariance;
     if (!options_.structure) continue;

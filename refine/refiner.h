@@ -27,6 +27,11 @@ struct RefinerOptions {
   double min_inlier_share = 0.35;
   double max_correction = 16;  ///< px, median over the features: the most that the rounds may move the pose that ICLK found
 
+  /// Where too few features can be found to confirm or refute a pose on which ICLK converged, ICLK's pose, covariance and
+  /// status stand. For learned models: their maps are alike where grey values are not. In the classical mode both see the same,
+  /// and what one cannot confirm the other should not claim.
+  bool keep_unconfirmed = false;
+
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
 };
@@ -46,8 +51,10 @@ struct RefinedAlignment {
   Matrix6d covariance = Matrix6d::Zero();  ///< of [rho, phi], T_10 = mean Exp(xi); zero unless converged or max_iterations
   Status status = Status::diverged;        ///< of the whole way
   std::string reason;                      ///< the status in words, with the numbers that decided it
+  bool refined = false;                    ///< pose and covariance are the refinement's, not ICLK's
   std::vector<Stage> stages;  ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
-  std::vector<AlignedFeature> features;     ///< one a feature of the reference, the last round's; empty if ICLK failed
+  std::vector<AlignedFeature>
+      features;  ///< one a feature of the reference, the last round's; empty if ICLK failed or stands alone
   std::vector<double> inverse_depth;        ///< one a feature: refined by structure, else as given
   std::vector<double> inverse_depth_sigma;  ///< one a feature if structure ran, else empty
   int rounds = 0;
@@ -64,7 +71,8 @@ struct RefinedAlignment {
 /// on the maps of its encoder, refinement on the images' grey values as ever.
 ///
 /// The status is converged only on evidence: ICLK ended in converged or max_iterations; enough features were found, and a share
-/// of those visible; they agree on one pose; that pose lies within what feature alignment can correct. One thread at a time.
+/// of those visible; they agree on one pose; that pose lies within what feature alignment can correct. Or, with
+/// RefinerOptions::keep_unconfirmed, on ICLK's own, if the features do not speak against it. One thread at a time.
 class Refiner {
  public:
   /// `aligner` must outlive the refiner. Throws Error(invalid_argument) for bad options.

@@ -53,6 +53,22 @@ class Overconfident final : public Aligner {
   SE3 pose_;
 };
 
+/// Finds no feature, as on grey values that have nothing in common.
+class Blind final : public FeatureAligner {
+ public:
+  explicit Blind(std::unique_ptr<FeatureAligner> eyes) : eyes_(std::move(eyes)) {}
+  std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) override {
+    auto found = eyes_->align(tasks);
+    for (auto& features : found)
+      for (AlignedFeature& f : features) f.status = FeatureStatus::diverged;
+    return found;
+  }
+  int pairs_per_batch() const override { return eyes_->pairs_per_batch(); }
+
+ private:
+  std::unique_ptr<FeatureAligner> eyes_;
+};
+
 struct Fixture : ::testing::Test {
   Scene scene = small_scene();
   Picture I0 = test::render(scene, 0, 1), I1 = test::render(scene, 1, 1);
@@ -185,9 +201,29 @@ TEST_F(Refine, AnUnrelatedTargetIsNotConverged) {
 TEST_F(Refine, ACorrectionBeyondTheLimitIsNotBelieved) {
   RefinerOptions options;
   options.max_correction = 2;
+  options.keep_unconfirmed = true;  // nor is the pose that it speaks against
   const RefinedAlignment r = claim(off_by(4), options);
   EXPECT_EQ(r.status, Status::diverged);
   EXPECT_NE(r.reason.find("more than the 2 px"), std::string::npos) << r.reason;
+}
+
+TEST_F(Refine, WhereNoFeatureIsFoundIclkStandsIfAsked) {
+  RefinerOptions options;
+  const auto refined = [&] {
+    return Refiner(*aligner, std::make_unique<Blind>(make_cpu_feature_aligner(*aligner)), options).align(pair());
+  };
+  EXPECT_EQ(refined().status, Status::diverged) << "the features do not confirm anything";
+  options.keep_unconfirmed = true;
+  const RefinedAlignment kept = refined();
+  EXPECT_TRUE(kept.converged()) << kept.reason;
+  EXPECT_FALSE(kept.refined);
+  EXPECT_NE(kept.reason.find("; not refined: the features do not confirm"), std::string::npos) << kept.reason;
+  EXPECT_EQ(kept.T_10.matrix(), kept.iclk.T_10.matrix());
+  EXPECT_EQ(kept.covariance, kept.iclk.covariance);
+  EXPECT_GT(kept.covariance.trace(), 0);
+  EXPECT_TRUE(kept.features.empty()) << "positions that the pose does not share";
+  I1.data.assign(I1.data.size(), 0.5f);
+  EXPECT_FALSE(refined().converged()) << "ICLK itself must have converged";
 }
 
 TEST_F(Refine, ConstantImagesAndNaNsAreNotConverged) {
