@@ -20,7 +20,8 @@ void main() {
   uint patch_index = gl_WorkGroupID.z * gl_NumWorkGroups.y + gl_WorkGroupID.y, id = gl_GlobalInvocationID.x;
   LevelInfo info = levels[push.level];
   bool whole = push.whole != 0u;
-  uint width = (whole ? info.width : ICLK_PATCH) + 2u * push.margin, height = (whole ? info.height : ICLK_PATCH) + 2u * push.margin;
+  uint width = (whole ? info.width : ICLK_PATCH) + 2u * push.margin;
+  uint height = (whole ? info.height : ICLK_PATCH) + 2u * push.margin;
   if (patch_index >= push.patches || id >= width * height) return;
   uint number = push.first_patch + patch_index, pass_pair = number / push.patches_per_pair;
   uint k = number - pass_pair * push.patches_per_pair;

@@ -20,8 +20,8 @@ layout(push_constant) uniform Push { ResultPush push; };
 // iclk::Status
 const uint CONVERGED = 0u, MAX_ITERATIONS = 1u, LOW_OVERLAP = 2u, DEGENERATE = 3u, TOO_FEW_FEATURES = 4u, DIVERGED = 5u;
 
-// Information about the pose, 6x6: as the iterations saw it, without the prior, the part that both images confirm, the cross term of both
-// gradients, the mean of each image's own.
+// Information about the pose, 6x6: as the iterations saw it, the same without the prior, the part that both images confirm,
+// the cross term of both gradients, the mean of each image's own.
 float H[36], image[36], confirmed[36], cross_term[36], both[36];
 float L[36], inverse[36];  // Cholesky factor, and the inverse of `confirmed`
 
@@ -84,8 +84,9 @@ void inverse_column(uint j, out float x[6]) {
 // Agreement::variance_ratio
 float variance_ratio(uint pair) {
   float patch_scores = states[pair].agreement[4 * ICLK_SCORES], pixel_scores = states[pair].agreement[4 * ICLK_SCORES + 1];
-  float patches = states[pair].agreement[4 * ICLK_SCORES + 2];
-  return pixel_scores > 0.0 ? max(1.0, patch_scores / pixel_scores * 2.0 * patches / max(2.0 * patches - push.parameters, 1.0)) : 1.0;
+  float numbers = 2.0 * states[pair].agreement[4 * ICLK_SCORES + 2];
+  if (!(pixel_scores > 0.0)) return 1.0;
+  return max(1.0, patch_scores / pixel_scores * numbers / max(numbers - push.parameters, 1.0));
 }
 
 // both = variance inverse H inverse, units restored.

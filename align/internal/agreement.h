@@ -17,8 +17,8 @@ namespace iclk::internal {
 ///
 /// Residuals of neighbouring pixels are wrong together: a learned map sees the same noise in all that its receptive field
 /// covers, interpolation and depth are wrong for the whole of a patch. With s = sum w r grad f0 over a patch (in dense mode:
-/// over 64 pixels of a row), sum |s|^2 over the patches is what sum w^2 r^2 |grad f0|^2 over the pixels would be, were the pixels independent;
-/// the ratio is by what the variance of the pose is larger than that of so many independent pixels.
+/// over 64 pixels of a row), sum |s|^2 over the patches is what sum w^2 r^2 |grad f0|^2 over the pixels would be, were the
+/// pixels independent; the ratio is by what the variance of the pose is larger than that of so many independent pixels.
 struct Agreement {
   Matrix6d cross = Matrix6d::Zero();
   Matrix6d target = Matrix6d::Zero();
