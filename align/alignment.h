@@ -42,7 +42,8 @@ struct Alignment {
   Matrix6d H = Matrix6d::Zero();  ///< J^T W J at the finest level's last iteration, [rho, phi]; gain and bias marginalised out
   /// Of [rho, phi], T_10 = mean Exp(xi), a prior included; zero unless the status is converged or max_iterations. With s^2 the
   /// residuals' variance and H_c the part of H that both images confirm: s^2 H_c^-1 H H_c^-1. Where H is inflated by noise,
-  /// s^2 H^-1 would be too small.
+  /// s^2 H^-1 would be too small; and as pixels of a patch are wrong together, what the images say of H counts
+  /// internal::Agreement::variance_ratio() times in the middle.
   Matrix6d covariance = Matrix6d::Zero();
   double cost = 0;                     ///< mean weighted squared residual at the end, feature units squared
   double correlation = 0;              ///< of f0 and the warped f1 over visible mask pixels at the end, in [-1, 1]

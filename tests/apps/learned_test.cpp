@@ -5,6 +5,9 @@
 #include <set>
 
 #include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include <iclk/align/internal/safetensors.h>
 #include <iclk/align/model_file.h>
@@ -60,6 +63,36 @@ TEST_F(Learned, AlignsWithAModel) {
   EXPECT_NE(classical["stages"][0]["T_10"], found["stages"][0]["T_10"]);
   const Finished table = run(align({"--model", file("narrow.safetensors")}));
   EXPECT_NE(table.out.find("model      narrow"), std::string::npos) << table.out;
+}
+
+// What only the learned maps can follow is claimed on their word; what they cannot follow either is not.
+TEST_F(Learned, WhatGreyValuesCannotConfirmStandsUnrefined) {
+  cv::Mat dull = cv::imread(file("b.png")), noise(dull.size(), CV_16SC3), mirrored;
+  cv::flip(dull, mirrored, 1);
+  cv::GaussianBlur(dull, dull, {}, 2.5);
+  dull.convertTo(dull, CV_16S, 0.25, 20);
+  cv::theRNG().state = 1;
+  cv::randn(noise, 0, 5);
+  cv::Mat(dull + noise).convertTo(dull, CV_8U);
+  cv::imwrite(file("dull.png"), dull);
+  cv::imwrite(file("mirrored.png"), mirrored);
+  const auto aligned = [](const std::string& target, const std::string& model) {
+    auto arguments = align({"--model", model, "--truth", truth_, "--json"});
+    arguments[2] = file(target);
+    return Json::parse(run(arguments).out);
+  };
+  const Json found = aligned("dull.png", "sd6dof"), classical = aligned("dull.png", "classical");
+  EXPECT_EQ(found["status"], "converged") << found["reason"];
+  EXPECT_FALSE(found["refined"]);
+  EXPECT_NE(found["reason"].get<std::string>().find("not refined"), std::string::npos) << found["reason"];
+  EXPECT_LT(found["stages"][0]["e_pixel"], 1.5);
+  EXPECT_EQ(found["T_10"], found["stages"][0]["T_10"]);
+  EXPECT_TRUE(found["covariance"][0][0].is_number());
+  EXPECT_EQ(found["features"][0]["status"], "projected");
+  EXPECT_NE(classical["status"], "converged") << "grey values alone";
+  const Json wrong = aligned("mirrored.png", "sd6dof");
+  EXPECT_NE(wrong["status"], "converged") << wrong["reason"];
+  EXPECT_FALSE(wrong["refined"]);
 }
 
 TEST_F(Learned, TheShippedModelIsTheDefault) {
