@@ -70,9 +70,8 @@ ICLK_DEFINE_SUM(add_all_gradients, add_gradients)
 // Weight of any element: weights.glsl says where it lies.
 float weight_of(View view, uint k) {
   if (view.unit_weights) return 1.0;
-  uint lanes = gl_WorkGroupSize.x, in_block = k % (4u * lanes), j = in_block / lanes;
-  vec4 w = weights[view.weight_base + (k - in_block) / 4u + in_block % lanes];
-  return j < 2u ? (j == 0u ? w.x : w.y) : (j == 2u ? w.z : w.w);
+  uint lanes = gl_WorkGroupSize.x, in_block = k % (4u * lanes);
+  return weights[view.weight_base + (k - in_block) / 4u + in_block % lanes][in_block / lanes];
 }
 
 // A lane takes whole patches.
