@@ -87,7 +87,8 @@ std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
   for (size_t i = 0; i < pairs.size(); ++i) {
     Maps maps = maps_of(pairs[i].target);
     out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], maps.aligned(), pairs[i]));
-    targets_[i] = std::move(maps.grey);
+    targets_[i].grey = std::move(maps.grey);
+    if (channels(pairs[i].target.format) > 1) targets_[i].rgb = rgb_maps(pairs[i].target);
   }
   return out;
 }
@@ -139,7 +140,8 @@ const Camera& CpuAligner::camera(int slot) const { return keyframes_.at(static_c
 const Features& CpuAligner::features(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->features; }
 const std::vector<FeatureCheck>& CpuAligner::checks(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->checks; }
 const Pyramid& CpuAligner::reference_grey(int slot) const { return keyframes_.at(static_cast<size_t>(slot))->grey; }
-const Pyramid& CpuAligner::target_grey(int pair) const { return targets_.at(static_cast<size_t>(pair)); }
+const Pyramid& CpuAligner::target_grey(int pair) const { return targets_.at(static_cast<size_t>(pair)).grey; }
+std::span<const Map> CpuAligner::target_rgb(int pair) const { return targets_.at(static_cast<size_t>(pair)).rgb; }
 
 std::unique_ptr<Aligner> make_cpu_aligner(const Plan& plan, const AlignerOptions& options, std::shared_ptr<const Model> model) {
   return std::make_unique<CpuAligner>(plan, options, std::move(model));

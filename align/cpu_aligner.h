@@ -25,10 +25,16 @@ class CpuAligner : public Aligner {
   /// goes, and always made: images are read during a call only, and beside the encoder they cost next to nothing.
   const Pyramid& reference_grey(int slot) const;
   const Pyramid& target_grey(int pair) const;
+  /// Level 0 in colours, as rgb_maps() makes it; empty for an image of one channel.
+  std::span<const Map> target_rgb(int pair) const;
 
  private:
   struct Keyframe;
   struct Maps;
+  struct Target {
+    Pyramid grey;
+    std::vector<Map> rgb;
+  };
   Maps maps_of(const ImageView& image) const;
   Alignment align_one(const Keyframe& keyframe, const Pyramid& f1, const Pair& pair) const;
 
@@ -36,7 +42,7 @@ class CpuAligner : public Aligner {
   AlignerOptions options_;
   std::shared_ptr<const Model> model_;
   std::vector<std::unique_ptr<Keyframe>> keyframes_;
-  std::vector<Pyramid> targets_;  // grey
+  std::vector<Target> targets_;
 };
 
 }  // namespace iclk

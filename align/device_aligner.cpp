@@ -99,8 +99,8 @@ void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Feature
     tile_count = tiles.build(features, checks, memory[ids.tiles].as<shaders::MaskTile>() + s * layout.tile_stride,
                              memory[ids.entries].as<uint32_t>() + s * layout.entry_stride);
   auto* info = memory[ids.references].as<shaders::ReferenceInfo>() + slot;
-  *info = {static_cast<float>(camera.fx), static_cast<float>(camera.fy),          static_cast<float>(camera.cx),
-           static_cast<float>(camera.cy), static_cast<float>(mean_inverse_depth), tile_count,
+  *info = {static_cast<float>(camera.fx),         static_cast<float>(camera.fy),          static_cast<float>(camera.cx),
+           static_cast<float>(camera.cy),         static_cast<float>(mean_inverse_depth), tile_count,
            static_cast<uint32_t>(features.size())};
   auto* list = memory[ids.features].as<shaders::FeatureInfo>() + s * static_cast<size_t>(plan.max_features);
   for (int i = 0; i < features.size(); ++i) {
@@ -256,8 +256,17 @@ const std::shared_ptr<const engine::Context>& DeviceAligner::context() const { r
 DeviceAligner::Maps DeviceAligner::maps() const {
   const Impl& m = *impl_;
   const internal::Stages stages = m.stages();
-  return {&m.memory[m.ids.levels], &m.memory[m.ids.references], &stages.map0(0),          &stages.map1(0),
-          &m.memory[m.ids.maps0],  &m.memory[m.ids.maps1],      m.layout.level_stride(0), m.layout.map_stride};
+  return {&m.memory[m.ids.levels],
+          &m.memory[m.ids.references],
+          &stages.map0(0),
+          &stages.map1(0),
+          &m.memory[m.ids.maps0],
+          &m.memory[m.ids.maps1],
+          m.layout.level_stride(0),
+          m.layout.map_stride,
+          &m.memory[m.ids.pixels1],
+          m.layout.pixel_words,
+          internal::shader_format(m.plan.format)};
 }
 
 const engine::Buffer& DeviceAligner::template_pixels() const { return impl_->memory[impl_->ids.template_a]; }

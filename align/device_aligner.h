@@ -2,6 +2,7 @@
 #include <variant>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/pyramid.h>
 #include <iclk/align/tuning.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>
@@ -93,29 +94,36 @@ class DeviceAligner : public Aligner {
     const engine::Buffer *fine0, *fine1;  ///< r8, r32f
     const engine::Buffer *maps0, *maps1;  ///< r32f
     uint32_t fine_stride, map_stride;
+    const engine::Buffer* pixels1;  ///< raw pixels of the targets, Plan::format, rows of levels[0].pitch
+    uint32_t pixel_stride;          ///< 32-bit words from a target's to the next
+    uint32_t pixel_format;          ///< ICLK_FORMAT_* of iclk/shaders/shared.h
   };
   /// What the alignment works on: the grey pyramid, or with a model what its encoder made.
   Maps maps() const;
 
-  /// The images' grey maps, for feature alignment, which is photometric. Without a model they are maps(), and nothing is
-  /// recorded or allocated. With a model they are made from the aligner's pixels, the kFeatureAlignmentLevels finest levels as
-  /// far as AlignerOptions::levels goes, in memory of their own: who does not refine does not pay for them. Those of a slot
-  /// are made once for all targets, of a pair once a batch; after record(), whose executions nobody counts, at every call. The
-  /// aligner must outlive it.
+  struct GreyTarget {
+    int pair;
+    GreyWeights weights = kLuma;
+  };
+  /// The images' grey maps, for feature alignment, which is photometric. Without a model they are maps(), and targets with
+  /// other weights than luma's are made from the aligner's pixels; with a model all are: the kFeatureAlignmentLevels finest
+  /// levels as far as AlignerOptions::levels goes, in memory of their own, so that who does not refine does not pay for them.
+  /// Those of a slot are made once for all targets, of a pair once a batch and weights; after record(), whose executions nobody
+  /// counts, at every call. The aligner must outlive it.
   class GreyMaps {
    public:
     virtual ~GreyMaps() = default;
-    virtual Maps maps() const = 0;
-    /// Records what brings the maps of these slots and pairs up to date. Duplicates cost nothing. Precondition: all are within
-    /// the plan and the batch.
-    virtual void record(engine::Recorder& recorder, std::span<const int> slots, std::span<const int> pairs) = 0;
+    /// Records what brings the maps of these slots and targets up to date, and returns where they are. Duplicates cost nothing;
+    /// of a pair the last one counts. Precondition: all are within the plan and the batch.
+    virtual Maps record(engine::Recorder& recorder, std::span<const int> slots, std::span<const GreyTarget> targets) = 0;
     /// After what record() wrote was executed; without this the next record() writes it again.
     virtual void executed() = 0;
     /// Room that record() takes in a descriptor arena.
     virtual void add_to(engine::ArenaSize& size) const = 0;
   };
   /// Allocates everything. Throws Error(unsupported) if it does not fit the device.
-  std::unique_ptr<GreyMaps> make_grey_maps() const;
+  /// `recolour`: weights other than luma's will come; without a model and without colours nothing is allocated either way.
+  std::unique_ptr<GreyMaps> make_grey_maps(bool recolour = true) const;
 
   /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/jacobian.comp.
   const engine::Buffer& template_pixels() const;

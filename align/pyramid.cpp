@@ -2,13 +2,15 @@
 
 #include <algorithm>
 #include <cstring>
+#include <utility>
 
 namespace iclk {
 namespace {
 
 template <class T>
 float luma(const T* p, int r, int g, int b, float scale) {
-  return (0.299f * static_cast<float>(p[r]) + 0.587f * static_cast<float>(p[g]) + 0.114f * static_cast<float>(p[b])) * scale;
+  return (kLuma[0] * static_cast<float>(p[r]) + kLuma[1] * static_cast<float>(p[g]) + kLuma[2] * static_cast<float>(p[b])) *
+         scale;
 }
 
 bool is_bgr(PixelFormat f) { return f == PixelFormat::bgr8 || f == PixelFormat::bgra8 || f == PixelFormat::bgr16; }
@@ -58,6 +60,12 @@ void with_component(PixelFormat format, F&& visit) {
   }
 }
 
+Pyramid pyramid_of(Map finest, int levels) {
+  Pyramid pyramid{std::move(finest)};
+  while (static_cast<int>(pyramid.size()) < levels) pyramid.push_back(half_size(pyramid.back()));
+  return pyramid;
+}
+
 }  // namespace
 
 double Map::bilinear(double u, double v) const {
@@ -104,10 +112,13 @@ Map half_size(const Map& map) {
   return half;
 }
 
-Pyramid grey_pyramid(const ImageView& image, int levels) {
-  Pyramid pyramid{grey_map(image)};
-  while (static_cast<int>(pyramid.size()) < levels) pyramid.push_back(half_size(pyramid.back()));
-  return pyramid;
+Pyramid grey_pyramid(const ImageView& image, int levels) { return pyramid_of(grey_map(image), levels); }
+
+Pyramid grey_pyramid(std::span<const Map> rgb, const GreyWeights& weights, int levels) {
+  Map grey(rgb[0].width, rgb[0].height);
+  for (size_t i = 0; i < grey.data.size(); ++i)
+    grey.data[i] = weights[0] * rgb[0].data[i] + weights[1] * rgb[1].data[i] + weights[2] * rgb[2].data[i];
+  return pyramid_of(std::move(grey), levels);
 }
 
 }  // namespace iclk

@@ -1,8 +1,11 @@
 #pragma once
+#include <array>
 #include <cmath>
+#include <span>
 #include <vector>
 
 #include <iclk/align/image.h>
+#include <iclk/shaders/shared.h>
 
 namespace iclk {
 
@@ -26,6 +29,10 @@ struct Map {
 /// Finest first.
 using Pyramid = std::vector<Map>;
 
+/// A grey value is weights . (R, G, B).
+using GreyWeights = std::array<float, 3>;
+inline constexpr GreyWeights kLuma = {ICLK_LUMA_R, ICLK_LUMA_G, ICLK_LUMA_B};
+
 /// Grey map of level 0: luma 0.299 R + 0.587 G + 0.114 B in [0, 1]; a single channel is taken as it is.
 Map grey_map(const ImageView& image);
 
@@ -34,6 +41,8 @@ std::vector<Map> rgb_maps(const ImageView& image);
 
 /// 2x2 means, sizes floored: the classical, unlearned features.
 Pyramid grey_pyramid(const ImageView& image, int levels);
+/// The same of three maps of one size, as rgb_maps() makes them, with other weights than luma's.
+Pyramid grey_pyramid(std::span<const Map> rgb, const GreyWeights& weights, int levels);
 Map half_size(const Map& map);
 
 /// Finest levels of the grey pyramid that feature alignment works on, whatever the maps that were aligned.

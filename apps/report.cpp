@@ -34,6 +34,13 @@ Matrix6d covariance_or_nan(const RefinedAlignment& result) {
   return usable(result.status) ? result.covariance : Matrix6d::Constant(NAN);
 }
 
+/// Single precision, in as many digits as it has.
+Json grey_weights(const RefinedAlignment& result) {
+  Json weights;
+  for (const double w : result.recolouring.weights) weights.push_back(std::round(1e6 * w) / 1e6);
+  return weights;
+}
+
 Json stages(const PairInput& pair, const RefinedAlignment& result) {
   Json list = Json::array();
   for (const Stage& stage : result.stages) {
@@ -155,6 +162,7 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
   return {{"status", name(result.status)},
           {"reason", result.reason},
           {"refined", result.refined},
+          {"grey_weights", grey_weights(result)},
           {"T_10", matrix(result.T_10.matrix())},
           {"covariance", matrix(covariance_or_nan(result))},
           {"stages", stages(pair, result)},

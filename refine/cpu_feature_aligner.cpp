@@ -19,14 +19,23 @@ class CpuFeatureAligner final : public FeatureAligner {
     std::vector<std::vector<AlignedFeature>> results;
     results.reserve(tasks.size());
     for (const FeatureAlignmentTask& task : tasks) {
-      const Pyramid &f0 = maps_->reference_grey(task.reference), &f1 = maps_->target_grey(task.pair);
+      const Pyramid &f0 = maps_->reference_grey(task.reference), &luma = maps_->target_grey(task.pair);
+      const std::span<const Map> rgb = maps_->target_rgb(task.pair);
+      const bool recoloured = task.grey != kLuma && !rgb.empty();
+      const Pyramid own = recoloured ? grey_pyramid(rgb, task.grey, static_cast<int>(luma.size())) : Pyramid();
+      const Pyramid& f1 = recoloured ? own : luma;
       const Camera& camera = maps_->camera(task.reference);
       const Features& features = maps_->features(task.reference);
       const std::vector<FeatureCheck>& checks = maps_->checks(task.reference);
       std::vector<AlignedFeature>& aligned = results.emplace_back(features.uv.size());
-      for (size_t i = 0; i < aligned.size(); ++i)
-        if (checks[i] == FeatureCheck::ok)
-          aligned[i] = align_feature(f0, f1, camera, features.uv[i], features.inverse_depth[i], task.T_10, options_);
+      for (size_t i = 0; i < aligned.size(); ++i) {
+        if (checks[i] != FeatureCheck::ok) continue;
+        const Eigen::Vector2d& uv0 = features.uv[i];
+        const double q = features.inverse_depth[i];
+        aligned[i] = align_feature(f0, f1, camera, uv0, q, task.T_10, options_);
+        if (task.colours && !rgb.empty() && aligned[i].status == FeatureStatus::aligned)
+          aligned[i].colours = colour_sums(f0[0], rgb, camera, uv0, q, task.T_10, aligned[i].uv1);
+      }
     }
     return results;
   }
@@ -46,6 +55,10 @@ class CpuAlignerMaps final : public FeatureMaps {
   const Pyramid& target_grey(int pair) const override {
     if (pair < 0 || pair >= aligner_.plan().max_pairs) refuse("pair", pair);
     return aligner_.target_grey(pair);
+  }
+  std::span<const Map> target_rgb(int pair) const override {
+    if (pair < 0 || pair >= aligner_.plan().max_pairs) refuse("pair", pair);
+    return aligner_.target_rgb(pair);
   }
   const Camera& camera(int slot) const override { return aligner_.camera(in_range("slot", slot)); }
   const Features& features(int slot) const override { return aligner_.features(in_range("slot", slot)); }

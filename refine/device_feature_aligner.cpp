@@ -8,6 +8,7 @@
 #include <iclk/refine/feature_aligner.h>
 #include <iclk/shaders/shared.h>
 
+#include "colour_sums.comp.spv.h"
 #include "feature_alignment.comp.spv.h"
 
 namespace iclk {
@@ -23,14 +24,16 @@ constexpr uint64_t kFeaturesASubmission = 1 << 20;
 
 /// Buffers of a submission. Host-visible: a few bytes a feature, written once and read once.
 struct Buffers {
-  Buffers(uint32_t max_tasks, uint32_t max_features) {
+  Buffers(uint32_t max_tasks, uint32_t max_features, bool recolour) {
     tasks = plan.add("feature tasks", sizeof(shaders::FeatureTask) * max_tasks, MemoryKind::upload, BufferUse::storage);
     features = plan.add("task features", sizeof(shaders::FeatureInfo) * max_features, MemoryKind::upload, BufferUse::storage);
     aligned =
         plan.add("aligned features", sizeof(shaders::AlignedInfo) * max_features, MemoryKind::readback, BufferUse::storage);
+    if (recolour)
+      colours = plan.add("colour sums", sizeof(shaders::ColourInfo) * max_features, MemoryKind::readback, BufferUse::storage);
   }
   engine::MemoryPlan plan;
-  engine::BufferId tasks, features, aligned;
+  engine::BufferId tasks, features, aligned, colours{};
 };
 
 engine::KernelDescription description() {
@@ -43,9 +46,20 @@ engine::KernelDescription description() {
       {}};
 }
 
-engine::ArenaSize arena_size(const engine::Kernel& kernel, const DeviceAligner::GreyMaps& grey) {
+engine::KernelDescription colours_description(uint32_t pixel_format) {
+  using enum engine::BindingKind;
+  return {"colour_sums",
+          colour_sums_comp_spv,
+          {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, texel_read, storage_read,
+           storage_read, storage_write},
+          sizeof(shaders::FeatureAlignmentPush),
+          {0, 0, pixel_format}};
+}
+
+engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel& colours, const DeviceAligner::GreyMaps& grey) {
   engine::ArenaSize size;
-  size.add(kernel);
+  size.add(kernel, colours ? 2 : 1);  // the aligner's maps, or recoloured ones
+  if (colours) size.add(colours, 2);
   grey.add_to(size);
   return size;
 }
@@ -69,21 +83,32 @@ AlignedFeature unpack(const shaders::AlignedInfo& info) {
   return f;
 }
 
+ColourSums unpack(const shaders::ColourInfo& info) {
+  ColourSums s;
+  s.TT = info.TT;
+  s.TC << info.TC[0], info.TC[1], info.TC[2];
+  s.CC << info.CC[0], info.CC[3], info.CC[4], info.CC[3], info.CC[1], info.CC[5], info.CC[4], info.CC[5], info.CC[2];
+  return s;
+}
+
 class DeviceFeatureAligner final : public FeatureAligner {
  public:
   DeviceFeatureAligner(const DeviceAligner& aligner, const FeatureAlignmentOptions& options)
       : aligner_(aligner),
         options_(checked(options)),
+        recolour_(options.recolour && channels(aligner.plan().format) > 1),
         kernel_(aligner.context(), description()),
+        colours_(recolour_ ? engine::Kernel(aligner.context(), colours_description(aligner.maps().pixel_format))
+                           : engine::Kernel()),
         max_features_(static_cast<uint32_t>(std::min<uint64_t>(
             kFeaturesASubmission,
             static_cast<uint64_t>(aligner.pairs_per_batch()) * static_cast<uint64_t>(aligner.plan().max_features)))),
         max_tasks_(std::min(static_cast<uint32_t>(aligner.pairs_per_batch()) + max_features_ / kFeaturesATask,
                             aligner.context()->limits().maxComputeWorkGroupCount[1])),
-        ids_(max_tasks_, max_features_),
+        ids_(max_tasks_, max_features_, recolour_),
         memory_(aligner.context(), ids_.plan),
-        grey_(aligner.make_grey_maps()),
-        arena_(aligner.context(), arena_size(kernel_, *grey_)),
+        grey_(aligner.make_grey_maps(recolour_)),
+        arena_(aligner.context(), arena_size(kernel_, colours_, *grey_)),
         submission_(aligner.context()) {}
 
   std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) override {
@@ -141,7 +166,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
                   ok ? static_cast<float>(features.inverse_depth[i]) : 0.0f, 0.0f};
     }
     shaders::FeatureTask info{
-        static_cast<uint32_t>(task.reference), static_cast<uint32_t>(task.pair), filled_, piece.count, {}};
+        static_cast<uint32_t>(task.reference), static_cast<uint32_t>(task.pair), filled_, piece.count, task.colours, {}};
     for (int r = 0; r < 3; ++r) {
       for (int c = 0; c < 3; ++c) info.pose[4 * r + c] = static_cast<float>(task.T_10.R(r, c));
       info.pose[4 * r + 3] = static_cast<float>(task.T_10.t(r));
@@ -149,18 +174,15 @@ class DeviceFeatureAligner final : public FeatureAligner {
     memory_[ids_.tasks].as<shaders::FeatureTask>()[pieces_.size()] = info;
     pieces_.push_back(piece);
     slots_.push_back(task.reference);
-    pairs_.push_back(task.pair);
+    targets_.push_back({task.pair, recolour_ ? task.grey : kLuma});
+    colours_wanted_ |= task.colours && recolour_;
     filled_ += piece.count;
   }
 
   /// Aligns what was added and empties the list.
   void run(std::vector<std::vector<AlignedFeature>>& results) {
     if (pieces_.empty()) return;
-    const DeviceAligner::Maps maps = grey_->maps();
     shaders::FeatureAlignmentPush push{};
-    push.fine_stride = maps.fine_stride;
-    push.map_stride = maps.map_stride;
-    push.level_count = static_cast<uint32_t>(maps.levels->size / sizeof(shaders::LevelInfo));
     push.iterations = static_cast<uint32_t>(options_.iterations);
     push.coarse_start = static_cast<uint32_t>(options_.coarse_start);
     push.step_tolerance = static_cast<float>(options_.step_tolerance);
@@ -171,13 +193,27 @@ class DeviceFeatureAligner final : public FeatureAligner {
         std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
 
     engine::Recorder recorder(*aligner_.context(), submission_.begin(), arena_);
-    grey_->record(recorder, slots_, pairs_);
+    const DeviceAligner::Maps maps = grey_->record(recorder, slots_, targets_);
+    push.fine_stride = maps.fine_stride;
+    push.map_stride = maps.map_stride;
+    push.pixel_stride = maps.pixel_stride;
+    push.level_count = static_cast<uint32_t>(maps.levels->size / sizeof(shaders::LevelInfo));
+    const engine::Groups groups{widest->count, static_cast<uint32_t>(pieces_.size()), 1};
     recorder.stage("feature_alignment");
     recorder.dispatch(kernel_,
                       {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
                        maps.maps0, maps.maps1, &memory_[ids_.aligned]},
-                      push, {widest->count, static_cast<uint32_t>(pieces_.size()), 1});
-    recorder.host_read({&memory_[ids_.aligned]});
+                      push, groups);
+    if (colours_wanted_) {
+      recorder.stage("colour_sums");
+      recorder.dispatch(colours_,
+                        {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
+                         maps.maps0, maps.maps1, &memory_[ids_.aligned], maps.pixels1, &memory_[ids_.colours]},
+                        push, groups);
+      recorder.host_read({&memory_[ids_.aligned], &memory_[ids_.colours]});
+    } else {
+      recorder.host_read({&memory_[ids_.aligned]});
+    }
     recorder.finish();
     submission_.end();
     submission_.submit_and_wait();
@@ -186,28 +222,37 @@ class DeviceFeatureAligner final : public FeatureAligner {
     const auto* infos = memory_[ids_.aligned].as<const shaders::AlignedInfo>();
     for (const Piece& piece : pieces_)
       for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k] = unpack(*infos++);
+    if (colours_wanted_) {
+      const auto* sums = memory_[ids_.colours].as<const shaders::ColourInfo>();
+      for (const Piece& piece : pieces_)
+        for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k].colours = unpack(*sums++);
+    }
     clear();
   }
 
   void clear() {
     pieces_.clear();
     slots_.clear();
-    pairs_.clear();
+    targets_.clear();
+    colours_wanted_ = false;
     filled_ = 0;
   }
 
   const DeviceAligner& aligner_;
   FeatureAlignmentOptions options_;
-  engine::Kernel kernel_;
+  bool recolour_;
+  engine::Kernel kernel_, colours_;
   uint32_t max_features_, max_tasks_;
   Buffers ids_;
   engine::Workspace memory_;
   std::unique_ptr<DeviceAligner::GreyMaps> grey_;
   engine::DescriptorArena arena_;
   engine::Submission submission_;
-  std::vector<Piece> pieces_;       // waiting in the buffers
-  std::vector<int> slots_, pairs_;  // theirs
-  uint32_t filled_ = 0;             // features of theirs
+  std::vector<Piece> pieces_;  // waiting in the buffers
+  std::vector<int> slots_;     // theirs
+  std::vector<DeviceAligner::GreyTarget> targets_;
+  bool colours_wanted_ = false;
+  uint32_t filled_ = 0;  // features of theirs
 };
 
 }  // namespace

@@ -16,6 +16,8 @@ struct FeatureAlignmentTask {
   int reference = 0;  ///< slot of the aligner
   int pair = 0;       ///< index in the aligner's last align()
   SE3 T_10;
+  GreyWeights grey = kLuma;  ///< of the target's colours, if it has any; the same in all tasks of a pair
+  bool colours = false;      ///< AlignedFeature::colours is wanted
 };
 
 /// Feature alignment over a batch, on the grey maps of the images that an Aligner holds. With a model too: gain, bias,
@@ -33,14 +35,16 @@ class FeatureAligner {
   virtual int pairs_per_batch() const = 0;
 };
 
-/// Grey maps (level 0, and level 1 if there is one; more are not read) and features on the host: what the CPU feature aligner
-/// reads. Pairs count within the last batch. Every function throws Error(invalid_argument) for a slot or a pair that is not
-/// there.
+/// Grey maps (level 0, and level 1 if there is one; more are not read), colours and features on the host: what the CPU feature
+/// aligner reads. Pairs count within the last batch. Every function throws Error(invalid_argument) for a slot or a pair that is
+/// not there.
 class FeatureMaps {
  public:
   virtual ~FeatureMaps() = default;
   virtual const Pyramid& reference_grey(int slot) const = 0;
   virtual const Pyramid& target_grey(int pair) const = 0;
+  /// Level 0 as rgb_maps() makes it; empty: no colours.
+  virtual std::span<const Map> target_rgb(int pair) const = 0;
   virtual const Camera& camera(int slot) const = 0;
   virtual const Features& features(int slot) const = 0;
   virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;

@@ -272,4 +272,21 @@ AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera&
   return options.coarse_start == CoarseStart::always ? fine(w.uv1) : first;
 }
 
+ColourSums colour_sums(const Map& f0, std::span<const Map> rgb1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
+                       const SE3& T_10, const Eigen::Vector2d& uv1) {
+  const Template t = make_template(f0, uv0, warp_patch(camera, uv0, q, T_10).A.inverse());
+  ColourSums s;
+  s.TT = t.STT;
+  Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+  for (int k = 0; k < kArea; ++k) {
+    const double u = uv1.x() - kCentre + k % kPatch, v = uv1.y() - kCentre + k / kPatch;
+    const Eigen::Vector3d C(rgb1[0].bilinear(u, v), rgb1[1].bilinear(u, v), rgb1[2].bilinear(u, v));
+    sum += C;
+    s.TC += t.T[k] * C;
+    s.CC += C * C.transpose();
+  }
+  s.CC -= sum * sum.transpose() / kArea;
+  return s;
+}
+
 }  // namespace iclk

@@ -10,6 +10,7 @@
 #include <iclk/align/features.h>
 #include <iclk/align/pyramid.h>
 #include <iclk/align/se3.h>
+#include <iclk/refine/recolour.h>
 
 namespace iclk {
 
@@ -30,9 +31,10 @@ struct AlignedFeature {
   /// px^2, of uv1; zero unless aligned. Photometric noise only: residual variance times the inverse of the 2x2 Schur
   /// complement.
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
-  double gain = 1, bias = 0;  ///< I1 = gain I0 + bias in the patch
+  double gain = 1, bias = 0;  ///< I1 = gain I0 + bias in the patch; I1 with the task's GreyWeights
   double correlation = 0;     ///< of the warped patch and the target, in [-1, 1]
   int iterations = 0;         ///< of all levels
+  ColourSums colours;         ///< where the task asks, the target has colours and the status is aligned
   FeatureStatus status = FeatureStatus::rejected;
 };
 
@@ -60,6 +62,8 @@ struct FeatureAlignmentOptions {
   /// [0, 1].
   double min_texture = 2e-5;
   CoarseStart coarse_start = CoarseStart::retry;
+  /// After its first round a Refiner looks at a target with colours in the grey values that fit the reference's (recolour.h).
+  bool recolour = true;
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
@@ -82,5 +86,10 @@ PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q,
 /// stage.
 AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
                              const SE3& T_10, const FeatureAlignmentOptions& options = {});
+
+/// Of the patch that align_feature() has aligned at `uv1`; `f0` is level 0, `rgb1` as rgb_maps() makes it. Precondition: it is
+/// aligned, with this pose.
+ColourSums colour_sums(const Map& f0, std::span<const Map> rgb1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
+                       const SE3& T_10, const Eigen::Vector2d& uv1);
 
 }  // namespace iclk

@@ -57,6 +57,13 @@ std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
   return m;
 }
 
+Recolouring recolour(std::span<const AlignedFeature> features) {
+  std::vector<ColourSums> patches;
+  for (const AlignedFeature& f : features)
+    if (f.status == FeatureStatus::aligned) patches.push_back(f.colours);
+  return recolour(patches);
+}
+
 std::vector<bool> aligned_set(const std::vector<AlignedFeature>& features) {
   std::vector<bool> set;
   for (const AlignedFeature& f : features) set.push_back(f.status == FeatureStatus::aligned);
@@ -105,6 +112,9 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   }
   why << r.aligned << " of " << r.visible << " visible features aligned, " << r.inliers << " agree on the pose, residual sigma "
       << r.sigma << " px, " << r.rounds << (r.rounds == 1 ? " round" : " rounds");
+  if (const GreyWeights& w = r.recolouring.weights; r.recolouring.better())
+    why << ", the target in the grey values " << w[0] << " R " << std::showpos << w[1] << " G " << w[2] << " B"
+        << std::noshowpos;
   if (pose.status == Status::max_iterations) why << "; " << pose.reason;
   return end(pose.status);
 }
@@ -167,7 +177,13 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
   for (size_t i : active) T[i] = results[i].T_10;
   for (int round = 0; round < options_.rounds && !active.empty(); ++round) {
     std::vector<FeatureAlignmentTask> tasks;
-    for (size_t i : active) tasks.push_back({pairs[i].reference, static_cast<int>(i), T[i]});
+    // Patches that luma has displaced do not show all of a recolouring yet: it is found again where the first one led.
+    const auto wants_colours = [&](const RefinedAlignment& r) {
+      return options_.feature_alignment.recolour && round + 1 < options_.rounds && (round == 0 || r.recolouring.better());
+    };
+    for (size_t i : active)
+      tasks.push_back(
+          {pairs[i].reference, static_cast<int>(i), T[i], results[i].recolouring.weights, wants_colours(results[i])});
     const Stopwatch alignment_time;
     std::vector<std::vector<AlignedFeature>> aligned = feature_aligner_->align(tasks);
     const double alignment_ms = alignment_time.ms() / static_cast<double>(tasks.size());
@@ -179,6 +195,8 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       const bool same_set = round > 0 && aligned_set(r.features) == aligned_set(aligned[k]);
       r.features = std::move(aligned[k]);
       r.rounds = round + 1;
+      const GreyWeights seen = r.recolouring.weights;
+      if (wants_colours(r)) r.recolouring = recolour(r.features);
       const Stopwatch pose_time;
       const PoseResult pose = refine_pose(view(i).camera, view(i).features, r.features, T[i], options_.pose);
       Stage& alignment_stage = stage(r, "feature_alignment");
@@ -194,7 +212,8 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       if (pose.inliers < options_.pose.min_features) continue;
       const std::vector<double> moved = motions(view(i), T[i], pose.T_10);
       T[i] = pose.T_10;
-      if (!(moved.back() <= options_.round_tolerance) || (round > 0 && !same_set)) moving.push_back(i);
+      const bool recoloured = r.recolouring.weights != seen;
+      if (!(moved.back() <= options_.round_tolerance) || (round > 0 && !same_set) || recoloured) moving.push_back(i);
     }
     active = std::move(moving);
   }

@@ -52,6 +52,7 @@ struct RefinedAlignment {
   Status status = Status::diverged;        ///< of the whole way
   std::string reason;                      ///< the status in words, with the numbers that decided it
   bool refined = false;                    ///< pose and covariance are the refinement's, not ICLK's
+  Recolouring recolouring;                 ///< of the target in the rounds after the first
   std::vector<Stage> stages;  ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
   std::vector<AlignedFeature>
       features;  ///< one a feature of the reference, the last round's; empty if ICLK failed or stands alone

@@ -6,77 +6,10 @@
 // Every invocation of a group holds the same position and sums, so branches on them are uniform and barriers within them legal.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
-#include "shared.h"
-#include "level.glsl"
-#include "se3.glsl"
-layout(local_size_x = ICLK_PATCH) in;
-
-layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
-layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
-layout(set = 0, binding = 2, std430) readonly buffer Tasks { FeatureTask tasks[]; };
-layout(set = 0, binding = 3, std430) readonly buffer FeatureList { FeatureInfo features[]; };
-layout(set = 0, binding = 4) uniform samplerBuffer fine0;  // level 0
-layout(set = 0, binding = 5) uniform samplerBuffer fine1;
-layout(set = 0, binding = 6) uniform samplerBuffer maps0;  // the others
-layout(set = 0, binding = 7) uniform samplerBuffer maps1;
+#include "feature_patch.glsl"
 layout(set = 0, binding = 8, std430) writeonly buffer Aligned { AlignedInfo aligned[]; };
-layout(push_constant) uniform Push { FeatureAlignmentPush push; };
 
-const uint ALIGNED = 0, DIVERGED = 1, OUT_OF_IMAGE = 2, LOW_TEXTURE = 3, BAD_MATCH = 4, REJECTED = 5;  // FeatureStatus
-const uint NEVER = 0, RETRY = 1, ALWAYS = 2;                                                           // CoarseStart
-const float CENTRE = 0.5 * (ICLK_PATCH - 1);
-const float AREA = ICLK_PATCH_AREA;
-
-shared vec4 rows_a[ICLK_PATCH], rows_b[ICLK_PATCH];
-int row;
-
-// Sums over the rows of the patch, in their order.
-void sum_rows(inout vec4 a, inout vec4 b) {
-  rows_a[row] = a;
-  rows_b[row] = b;
-  barrier();
-  a = vec4(0.0);
-  b = vec4(0.0);
-  [[unroll]] for (int k = 0; k < ICLK_PATCH; ++k) {
-    a += rows_a[k];
-    b += rows_b[k];
-  }
-  barrier();
-}
-
-// A map: where it begins, its pitch, its last pixel, and (known when compiled) the buffer.
-struct MapView {
-  int base, pitch;
-  ivec2 last;
-  bool fine;
-};
-
-MapView map_view(uint image, uint level) {
-  LevelInfo info = levels[level];
-  uint base = level == 0u ? image * push.fine_stride : image * push.map_stride + info.map_offset;
-  return MapView(int(base), int(info.pitch), ivec2(info.width, info.height) - 1, level == 0u);
-}
-
-float fetch0(MapView m, int at) {
-  if (m.fine) return texelFetch(fine0, at).x;
-  return texelFetch(maps0, at).x;
-}
-
-float fetch1(MapView m, int at) {
-  if (m.fine) return texelFetch(fine1, at).x;
-  return texelFetch(maps1, at).x;
-}
-
-float bilinear0(MapView m, vec2 p) {
-  p = clamp(p, vec2(0.0), vec2(m.last));
-  ivec2 corner = clamp(ivec2(p), ivec2(0), m.last - 1);  // in integers: a NaN still reads a place that exists
-  vec2 f = p - vec2(corner);
-  int at = m.base + corner.y * m.pitch + corner.x;
-  vec2 top = vec2(fetch0(m, at), fetch0(m, at + 1));
-  vec2 bottom = vec2(fetch0(m, at + m.pitch), fetch0(m, at + m.pitch + 1));
-  vec2 left_right = mix(top, bottom, f.y);
-  return mix(left_right.x, left_right.y, f.x);
-}
+const uint NEVER = 0, RETRY = 1, ALWAYS = 2;  // CoarseStart
 
 // Variance of bilinearly interpolated white noise over its variance.
 float interpolation_noise(vec2 p) {
@@ -199,8 +132,6 @@ struct Feature {
 
 Feature feature_at(vec2 uv1, uint status) { return Feature(uv1, vec3(0.0), 1.0, 0.0, 0.0, 0u, status); }
 
-bool is_finite(float x) { return abs(x) <= 3.0e38; }
-
 // Iterations of one level from `start`. The covariance is in px^2 of the level.
 Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
   Feature f = feature_at(start, DIVERGED);
@@ -260,23 +191,14 @@ Feature fine(MapView f1, Template t, vec2 start, vec2 projected) {
 Feature align_feature(FeatureInfo feature, FeatureTask task) {
   Feature f = feature_at(vec2(0.0), REJECTED);
   if (!(feature.inverse_depth > 0.0)) return f;
-  // warp_patch
-  ReferenceInfo r = references[task.reference];
-  Pose T_10 = pose_of(task.pose);
-  vec2 focal = vec2(r.fx, r.fy), principal = vec2(r.cx, r.cy), uv0 = vec2(feature.u, feature.v);
-  vec3 p = T_10.R * vec3((uv0 - principal) / focal, 1.0) + feature.inverse_depth * T_10.t;
+  PatchWarp w = warp_patch(feature, task);
   f.status = OUT_OF_IMAGE;
-  if (!(p.z > ICLK_LEAST_DEPTH)) return f;
-  f.uv1 = p.xy / p.z * focal + principal;
-  // A = d(u1)/d(ray) d(ray)/d(u0), by columns.
-  vec3 X = T_10.R[0] / focal.x, Y = T_10.R[1] / focal.y;
-  mat2 A = mat2((X.xy - p.xy * (X.z / p.z)) / p.z * focal, (Y.xy - p.xy * (Y.z / p.z)) / p.z * focal);
-  float det = determinant(A);
-  if (!(det > 1.0 / 16.0 && det < 16.0) || !is_finite(f.uv1.x) || !is_finite(f.uv1.y)) return f;
-  mat2 A_inverse = mat2(A[1].y, -A[0].y, -A[1].x, A[0].x) / det;
+  f.uv1 = w.uv1;
+  if (!w.valid) return f;
+  vec2 uv0 = vec2(feature.u, feature.v);
 
   vec2 projected = f.uv1;
-  Template t0 = make_template(map_view(task.reference, 0), uv0, A_inverse);
+  Template t0 = make_template(map_view(task.reference, 0), uv0, w.A_inverse);
   if (!t0.inside) return f;
   f.status = LOW_TEXTURE;
   if (!(t0.texture > push.min_texture)) return f;
@@ -291,7 +213,7 @@ Feature align_feature(FeatureInfo feature, FeatureTask task) {
   uint coarse_iterations = 0;
   bool found = false;
   if (push.level_count > 1u) {
-    Template t1 = make_template(map_view(task.reference, 1), 0.5 * uv0 - 0.25, A_inverse);
+    Template t1 = make_template(map_view(task.reference, 1), 0.5 * uv0 - 0.25, w.A_inverse);
     if (t1.inside && t1.texture > push.min_texture) {
       Feature coarse = align_level(map_view(task.pair, 1), t1, 0.5 * projected - 0.25, 0.5 * push.max_motion);
       found = coarse.status == ALIGNED;

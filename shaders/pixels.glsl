@@ -1,10 +1,13 @@
 // Raw pixels as colours in [0, 1], of any format. Grey ones are three equal channels.
 layout(constant_id = 2) const uint FORMAT = ICLK_FORMAT_RGBA8;
 layout(constant_id = 3) const uint CHANNELS = 3;  // that the model takes: 3, or 1, the luma
-layout(set = 0, binding = 0, std430) readonly buffer Pixels { uint pixels[]; };
+#ifndef PIXELS_BINDING
+#define PIXELS_BINDING 0
+#endif
+layout(set = 0, binding = PIXELS_BINDING, std430) readonly buffer Pixels { uint pixels[]; };
 
 const bool GREY = FORMAT == ICLK_FORMAT_R8 || FORMAT == ICLK_FORMAT_R32F;
-const vec3 LUMA = vec3(0.299, 0.587, 0.114);
+const vec3 LUMA = vec3(ICLK_LUMA_R, ICLK_LUMA_G, ICLK_LUMA_B);
 
 // `base`: the image's first word.
 vec3 colour(uint base, uint pixel) {

@@ -18,11 +18,12 @@ layout(push_constant) uniform Push { PyramidPush push; };
 
 // Single-channel pixels are level 0 themselves.
 const bool STORE_LEVEL_0 = FORMAT != ICLK_FORMAT_R8 && FORMAT != ICLK_FORMAT_R32F;
-const vec3 LUMA = vec3(0.299, 0.587, 0.114);
 
-float luma8(uint p) {
+float grey(vec3 colour) { return dot(colour, vec3(push.red, push.green, push.blue)); }
+
+float grey8(uint p) {
   vec4 c = unpackUnorm4x8(p);
-  return FORMAT == ICLK_FORMAT_BGRA8 ? dot(c.zyx, LUMA) : dot(c.xyz, LUMA);
+  return grey(FORMAT == ICLK_FORMAT_BGRA8 ? c.zyx : c.xyz);
 }
 
 // Eight pixels of a row, the first at word `w` of the buffer.
@@ -36,14 +37,14 @@ void load_row(uint w, out vec4 a, out vec4 b) {
     b = uintBitsToFloat(pixels4[(w >> 2) + 1]);
   } else if (FORMAT == ICLK_FORMAT_RGBA32F) {
     uint q = w >> 2;
-    a = vec4(dot(uintBitsToFloat(pixels4[q].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 1].xyz), LUMA),
-             dot(uintBitsToFloat(pixels4[q + 2].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 3].xyz), LUMA));
-    b = vec4(dot(uintBitsToFloat(pixels4[q + 4].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 5].xyz), LUMA),
-             dot(uintBitsToFloat(pixels4[q + 6].xyz), LUMA), dot(uintBitsToFloat(pixels4[q + 7].xyz), LUMA));
+    a = vec4(grey(uintBitsToFloat(pixels4[q].xyz)), grey(uintBitsToFloat(pixels4[q + 1].xyz)),
+             grey(uintBitsToFloat(pixels4[q + 2].xyz)), grey(uintBitsToFloat(pixels4[q + 3].xyz)));
+    b = vec4(grey(uintBitsToFloat(pixels4[q + 4].xyz)), grey(uintBitsToFloat(pixels4[q + 5].xyz)),
+             grey(uintBitsToFloat(pixels4[q + 6].xyz)), grey(uintBitsToFloat(pixels4[q + 7].xyz)));
   } else {
     uvec4 p = pixels4[w >> 2], q = pixels4[(w >> 2) + 1];
-    a = vec4(luma8(p.x), luma8(p.y), luma8(p.z), luma8(p.w));
-    b = vec4(luma8(q.x), luma8(q.y), luma8(q.z), luma8(q.w));
+    a = vec4(grey8(p.x), grey8(p.y), grey8(p.z), grey8(p.w));
+    b = vec4(grey8(q.x), grey8(q.y), grey8(q.z), grey8(q.w));
   }
 }
 

@@ -16,6 +16,11 @@ using uint = uint32_t;
 
 #define ICLK_MAX_LEVELS 12
 
+// Grey values of colours.
+#define ICLK_LUMA_R 0.299
+#define ICLK_LUMA_G 0.587
+#define ICLK_LUMA_B 0.114
+
 // Bounds of the estimated gain: beyond them an image is black or clipped, not exposed differently.
 #define ICLK_GAIN_MIN 0.05
 #define ICLK_GAIN_MAX 20.0
@@ -47,8 +52,8 @@ using uint = uint32_t;
 
 // Distance of the starts of a search, pixels of the coarsest level: the basin of an alignment is about 5 wide.
 #define ICLK_SEARCH_CELLS 3.4
-#define ICLK_SEARCH_STARTS 675    // at most: 15 x 15 with three rolls
-#define ICLK_SEARCH_FEATURES 96   // of more, so many take part, evenly out of their list
+#define ICLK_SEARCH_STARTS 675   // at most: 15 x 15 with three rolls
+#define ICLK_SEARCH_FEATURES 96  // of more, so many take part, evenly out of their list
 
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0
@@ -176,9 +181,10 @@ struct PyramidPush {
   uint height;                                  // of level 0
   uint offset_0, offset_1, offset_2, offset_3;  // LevelInfo::map_offset
   uint blocks_x;
-  uint pixel_stride;  // 32-bit words from an image to the next
-  uint map_stride;    // floats from an image's maps to the next
-  uint first_image;   // images first_image .. first_image + groups z - 1
+  uint pixel_stride;       // 32-bit words from an image to the next
+  uint map_stride;         // floats from an image's maps to the next
+  uint first_image;        // images first_image .. first_image + groups z - 1
+  float red, green, blue;  // weights of the channels in the grey value
 };
 
 struct HalvePush {
@@ -226,7 +232,7 @@ struct IteratePush {
 #define ICLK_FLAG_END 2u           // evaluate once more after the last step and judge it
 #define ICLK_FLAG_START 4u         // start gain and bias from the moments of the images, take no step
 #define ICLK_FLAG_NO_TRACE 16u
-#define ICLK_FLAG_GIVEN 8u  // the point is the host's (PairInfo), not the state's
+#define ICLK_FLAG_GIVEN 8u     // the point is the host's (PairInfo), not the state's
 #define ICLK_FLAG_CARRIED 32u  // the next coarser level has left a belief, the pair's prior is part of it
 
 // The start search: keep `keep` of the `count` candidates of each pair.
@@ -241,6 +247,7 @@ struct SelectPush {
 struct FeatureTask {
   uint reference, pair;
   uint first_feature, feature_count;  // in the list of FeatureInfo and of AlignedInfo
+  uint colours;                       // 1: colour_sums.comp takes part
   float pose[12];                     // T_10, 3x4 row-major
 };
 
@@ -253,9 +260,15 @@ struct AlignedInfo {
   uint status;  // iclk::FeatureStatus
 };
 
+// ColourSums of refine/recolour.h, CC as (RR, GG, BB, RG, RB, GB).
+struct ColourInfo {
+  float TT, TC[3], CC[6];
+};
+
 struct FeatureAlignmentPush {
-  uint fine_stride;  // texels from an image's level 0 to the next
-  uint map_stride;   // the same of the other levels
+  uint fine_stride;   // texels from an image's level 0 to the next
+  uint map_stride;    // the same of the other levels
+  uint pixel_stride;  // 32-bit words from a target's raw pixels to the next
   uint level_count;
   uint iterations;
   uint coarse_start;  // iclk::CoarseStart

@@ -34,10 +34,13 @@ GreyPyramid::GreyPyramid(std::shared_ptr<const engine::Context> context, PixelFo
 }
 
 void GreyPyramid::record(engine::Recorder& recorder, const engine::Buffer& levels, const engine::Buffer& pixels,
-                         const engine::Buffer& maps, uint32_t first, uint32_t count) const {
+                         const engine::Buffer& maps, uint32_t first, uint32_t count, const GreyWeights& weights) const {
   recorder.stage("pyramid");
   shaders::PyramidPush push = push_;
   push.first_image = first;
+  push.red = weights[0];
+  push.green = weights[1];
+  push.blue = weights[2];
   if (!empty_)
     recorder.dispatch(pyramid_, {&pixels, &maps}, push, {engine::groups_for(push.blocks_x, group_), blocks_y_, count});
   for (size_t l = ICLK_FUSED_LEVELS; l < levels_.size(); ++l)

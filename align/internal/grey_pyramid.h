@@ -1,5 +1,6 @@
 #pragma once
 #include <iclk/align/internal/layout.h>
+#include <iclk/align/pyramid.h>
 #include <iclk/engine/kernel.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>
@@ -15,7 +16,7 @@ class GreyPyramid {
 
   /// Images first .. first + count - 1 of `pixels` to the maps of the same numbers. `levels` holds layout.levels.
   void record(engine::Recorder& recorder, const engine::Buffer& levels, const engine::Buffer& pixels,
-              const engine::Buffer& maps, uint32_t first, uint32_t count) const;
+              const engine::Buffer& maps, uint32_t first, uint32_t count, const GreyWeights& weights = kLuma) const;
 
   /// Room for `sources` pairs of buffers (pixels, maps).
   void add_to(engine::ArenaSize& size, uint32_t sources) const;

@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include <nlohmann/json.hpp>
+#include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
 #include "apps/command.h"
@@ -77,6 +78,37 @@ TEST_F(Command, ExposureIsEstimatedUnlessForbidden) {
   };
   EXPECT_EQ(pose({"--json"}), pose({"--json", "--photometric"})) << "the default of the classical mode";
   EXPECT_NE(pose({"--json"}), pose({"--json", "--no-photometric"}));
+}
+
+TEST_F(Command, ATargetOfOtherColoursIsRefinedInTheGreyValuesThatFit) {
+  // Of every pixel's green: three channels that vary in different places.
+  const auto colourful = [](const char* name) {
+    cv::Mat wheel(1, 256, CV_8UC3), image = cv::imread(file(name)), green;
+    for (int i = 0; i < 256; ++i)
+      for (int c = 0; c < 3; ++c)
+        wheel.at<cv::Vec3b>(i)[c] = cv::saturate_cast<uchar>(128 + 80 * std::sin(0.035 * i + 2.1 * c));
+    cv::extractChannel(image, green, 1);
+    cv::merge(std::vector<cv::Mat>(3, green), image);
+    cv::LUT(image, wheel, image);
+    return image;
+  };
+  cv::Mat recoloured;
+  cv::transform(colourful("b.png"), recoloured, cv::Matx33f(0.7f, 0, 0.3f, 0.3f, 0.7f, 0, 0, 0.3f, 0.7f));
+  cv::imwrite(file("reference.png"), colourful("a.png"));
+  cv::imwrite(file("recoloured.png"), recoloured);
+  const auto aligned = [](const std::string& target, const std::vector<std::string>& more = {}) {
+    auto arguments = align({"--truth", truth_, "--json"});
+    arguments[1] = file("reference.png");
+    arguments[2] = file(target);
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return nlohmann::json::parse(run(arguments).out);
+  };
+  const auto with = aligned("recoloured.png"), without = aligned("recoloured.png", {"--no-recolour"});
+  const auto error = [](const nlohmann::json& found) { return found["stages"].back()["e_pixel"].get<double>(); };
+  EXPECT_EQ(without["grey_weights"], nlohmann::json({0.299, 0.587, 0.114}));
+  EXPECT_NE(with["grey_weights"], without["grey_weights"]);
+  EXPECT_NE(with["reason"].get<std::string>().find("grey values"), std::string::npos) << with["reason"];
+  EXPECT_LT(error(with), 0.7 * error(without));
 }
 
 TEST_F(Command, UsageErrors) {

@@ -216,7 +216,7 @@ TEST(LearnedRefinementDevice, ImagesOfARecordingAreThoseOfItsLastExecution) {
   }
 }
 
-TEST(LearnedRefinementDevice, GreyMapsAreMadeOnceAndOnlyBehindAModel) {
+TEST(LearnedRefinementDevice, GreyMapsAreMadeOnceAndOnlyWhereTheAlignersDoNotServe) {
   ICLK_NEED_DEVICE();
   const Scene scene = scene_of(1);
   Both both(Solver::device, PixelFormat::rgba8);
@@ -226,9 +226,9 @@ TEST(LearnedRefinementDevice, GreyMapsAreMadeOnceAndOnlyBehindAModel) {
     const auto grey = dynamic_cast<DeviceAligner&>(*both.aligners[learned]).make_grey_maps();
     engine::ArenaSize size;
     grey->add_to(size);
-    EXPECT_EQ(size.sets > 0, learned);
     engine::DescriptorArena arena(test::device(), size);
-    const auto dispatches = [&](const std::vector<int>& slots, const std::vector<int>& pairs, bool execute = true) {
+    const auto dispatches = [&](const std::vector<int>& slots, const std::vector<DeviceAligner::GreyTarget>& pairs,
+                                bool execute = true) {
       engine::Recorder recorder(*test::device(), submission.begin(), arena);
       grey->record(recorder, slots, pairs);
       recorder.finish();
@@ -240,12 +240,24 @@ TEST(LearnedRefinementDevice, GreyMapsAreMadeOnceAndOnlyBehindAModel) {
     };
     const uint32_t one = learned;
     both.align({{0, scene}, {1, scene}});
-    EXPECT_EQ(dispatches({0, 1, 0}, {0, 1}, false), 2 * one);
-    EXPECT_EQ(dispatches({0, 1, 0}, {0, 1}), 2 * one);
-    EXPECT_EQ(dispatches({1, 0}, {1, 0}), 0u);
-    EXPECT_EQ(dispatches({2, 0}, {0}), one);
+    EXPECT_EQ(dispatches({0, 1, 0}, {{0}, {1}}, false), 2 * one);
+    EXPECT_EQ(dispatches({0, 1, 0}, {{0}, {1}}), 2 * one);
+    EXPECT_EQ(dispatches({1, 0}, {{1}, {0}}), 0u);
+    EXPECT_EQ(dispatches({2, 0}, {{0}}), one);
     both.align({{0, scene}});
-    EXPECT_EQ(dispatches({0, 1, 2}, {0}), one);
+    EXPECT_EQ(dispatches({0, 1, 2}, {{0}}), one);
+    const GreyWeights red = {1, 0, 0};
+    both.align({{0, scene}, {1, scene}});
+    EXPECT_EQ(dispatches({0, 1}, {{0, red}, {1, red}}), 1u);
+    EXPECT_EQ(dispatches({0, 1}, {{0, red}, {1, red}}), 0u);
+    EXPECT_EQ(dispatches({0, 1}, {{0, red}, {1}}), 1u);
+    EXPECT_EQ(dispatches({0, 1}, {{0}, {1}}), one);
+    EXPECT_EQ(dispatches({0, 1}, {{0, {0, 1, 0}}, {1, red}}), 2u);
+  }
+  for (const bool learned : {false, true}) {
+    engine::ArenaSize size;
+    dynamic_cast<DeviceAligner&>(*both.aligners[learned]).make_grey_maps(false)->add_to(size);
+    EXPECT_EQ(size.sets > 0, learned);
   }
 }
 
