@@ -25,6 +25,8 @@ double conditioning(const Matrix6d& H) {
 void PoseOptions::check() const {
   check_range("pose cauchy_scale", cauchy_scale, 1e-6, 1e6);
   check_range("pose min_sigma", min_sigma, 1e-6, 1e3);
+  check_range("pose sigma", sigma, min_sigma, max_sigma);
+  check_range("pose max_sigma", max_sigma, min_sigma, 1e3);
   check_range("pose iterations", iterations, 1, 10000);
   check_range("pose min_features", min_features, 4, 1e6);
   check_range("pose inlier_distance", inlier_distance, 1e-3, 1e3);
@@ -39,52 +41,79 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE
 
 namespace {
 
+/// The least squares problem over the observations, which must outlive it.
+struct Problem {
+  Problem(const Camera& camera, std::span<const internal::Observation> used, const SE3& T_10, double scale)
+      : pose(internal::to_block(T_10)), loss(scale), problem(ownership()) {
+    for (const internal::Observation& o : used) q.push_back(o.q);
+    problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
+    for (size_t i = 0; i < used.size(); ++i) {
+      problem.AddResidualBlock(new internal::ReprojectionCost(camera, used[i].uv0, used[i].uv1, used[i].W), &loss, pose.data(),
+                               &q[i]);
+      problem.SetParameterBlockConstant(&q[i]);
+    }
+  }
+  static ceres::Problem::Options ownership() {
+    ceres::Problem::Options options;
+    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    return options;
+  }
+  SE3 solve(int iterations, ceres::Solver::Summary& summary) {
+    ceres::Solver::Options solver = internal::solver_options(iterations);
+    solver.linear_solver_type = ceres::DENSE_QR;
+    ceres::Solve(solver, &problem, &summary);
+    SE3 T_10 = internal::to_pose(pose.data());
+    if (T_10.R.allFinite()) T_10.orthonormalize();
+    return T_10;
+  }
+
+  internal::PoseBlock pose;
+  std::vector<double> q;
+  ceres::CauchyLoss loss;
+  ceres::Problem problem;
+};
+
 // refine_pose() in the unit in which inverse depths are about 1.
 PoseResult refine_unit_pose(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                             const SE3& T_10, const PoseOptions& options) {
-  const std::vector<internal::Observation> used = internal::observations(camera, features, aligned, T_10, options.min_sigma);
+  std::vector<internal::Observation> used = internal::observations(camera, features, aligned, T_10, options.sigma);
   PoseResult result;
   result.T_10 = T_10;
   result.used = static_cast<int>(used.size());
-  const std::vector<double> start = internal::residual_norms(camera, used, T_10);
-  result.initial_cost = result.cost = internal::cauchy_cost(start, options.cauchy_scale);
+  result.floor = options.sigma;
+  double scale = options.cauchy_scale * options.sigma;
+  const auto cost_at = [&](const SE3& T) { return internal::cauchy_cost(internal::residual_norms(camera, used, T), scale); };
+  result.initial_cost = result.cost = cost_at(T_10);
   if (result.used < options.min_features) {
     result.status = Status::too_few_features;
     result.reason = std::to_string(result.used) + " aligned features, " + std::to_string(options.min_features) + " needed";
     return result;
   }
 
-  internal::PoseBlock pose = internal::to_block(T_10);
-  std::vector<double> q;
-  for (const auto& o : used) q.push_back(o.q);
   // The scale needs no continuation: from 100 px off with 45 % outliers the wanted scale alone comes home as often, in half the
   // steps.
-  ceres::CauchyLoss loss(options.cauchy_scale);
-  ceres::Problem::Options ownership;
-  ownership.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  ceres::Problem problem(ownership);
-  problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
-  for (size_t i = 0; i < used.size(); ++i) {
-    problem.AddResidualBlock(new internal::ReprojectionCost(camera, used[i].uv0, used[i].uv1, used[i].W), &loss, pose.data(),
-                             &q[i]);
-    problem.SetParameterBlockConstant(&q[i]);
-  }
-  ceres::Solver::Options solver = internal::solver_options(options.iterations);
-  solver.linear_solver_type = ceres::DENSE_QR;
   ceres::Solver::Summary summary;
-  ceres::Solve(solver, &problem, &summary);
-  result.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
+  if (const SE3 first = Problem(camera, used, T_10, scale).solve(options.iterations, summary);
+      summary.IsSolutionUsable() && first.R.allFinite() && first.t.allFinite()) {
+    result.T_10 = first;
+    result.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
+    result.floor = internal::floor_of(camera, used, result.T_10, options.inlier_distance, options.min_sigma, options.max_sigma);
+    scale = options.cauchy_scale * result.floor;
+    internal::whiten(used, result.floor);
+    result.initial_cost = cost_at(T_10);
+  }
+  Problem last(camera, used, result.T_10, scale);
+  result.T_10 = last.solve(options.iterations, summary);
+  result.iterations += summary.num_successful_steps + summary.num_unsuccessful_steps;
   result.report = summary.BriefReport();
-  result.T_10 = internal::to_pose(pose.data());
-  if (result.T_10.R.allFinite()) result.T_10.orthonormalize();
-  if (!internal::judge(used, camera, summary, options, result)) return result;
+  if (!internal::judge(used, camera, summary, options, scale, result)) return result;
 
   const std::vector<double> norms = internal::residual_norms(camera, used, result.T_10);
   Matrix6d H = Matrix6d::Zero();
   for (size_t i = 0; i < used.size(); ++i) {
     const Eigen::Matrix<double, 2, 6> J =
         used[i].W * reprojection_jacobian(camera, result.T_10, camera.ray(used[i].uv0) / used[i].q);
-    H += J.transpose() * J / (1 + norms[i] * norms[i] / (options.cauchy_scale * options.cauchy_scale));
+    H += J.transpose() * J / (1 + norms[i] * norms[i] / (scale * scale));
   }
   constexpr double kSingular = 1e-10;
   ceres::Covariance::Options covariance_options;
@@ -92,15 +121,15 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
   covariance_options.min_reciprocal_condition_number = 1e-30;  // conditioning() has judged, without regard to units
   ceres::Covariance covariance(covariance_options);
   const double condition = conditioning(H);
-  const std::vector<std::pair<const double*, const double*>> blocks{{pose.data(), pose.data()}};
-  if (!(condition > kSingular) || !covariance.Compute(blocks, &problem)) {
+  const std::vector<std::pair<const double*, const double*>> blocks{{last.pose.data(), last.pose.data()}};
+  if (!(condition > kSingular) || !covariance.Compute(blocks, &last.problem)) {
     result.status = Status::degenerate;
     result.reason = "the aligned features do not determine the pose: smallest scaled eigenvalue " + std::to_string(condition);
     return result;
   }
   Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
-  covariance.GetCovarianceBlockInTangentSpace(pose.data(), pose.data(), C.data());
-  result.covariance = C * internal::variance_factor(norms, options.cauchy_scale, 6);
+  covariance.GetCovarianceBlockInTangentSpace(last.pose.data(), last.pose.data(), C.data());
+  result.covariance = C * internal::variance_factor(norms, scale, 6);
   return result;
 }
 

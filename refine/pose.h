@@ -11,9 +11,11 @@
 namespace iclk {
 
 struct PoseOptions {
-  double cauchy_scale = 0.25;  ///< px: a residual of this length has half the weight
-  double min_sigma =
-      0.1;  ///< px: what a perfect patch is still wrong by (interpolation, depth, rolling surface); a floor of every covariance
+  /// px: what a perfect patch is still wrong by (interpolation, depth, rolling surface), a floor of every covariance. A first
+  /// solution takes `sigma`; the residuals that it leaves say what the last one takes, within [min_sigma, max_sigma]: depth of
+  /// a room's camera and of a terrain model are ten times apart.
+  double sigma = 0.1, min_sigma = 0.05, max_sigma = 0.75;
+  double cauchy_scale = 2.5;  ///< a residual of so many floors has half the weight
   int iterations = 50;
   int min_features = 6;           ///< fewer aligned features end in too_few_features
   double inlier_distance = 1.5;   ///< px of reprojection error; wide enough for a lens whose distortion nobody gave us
@@ -35,6 +37,7 @@ struct PoseResult {
   double initial_cost = 0;           ///< mean of rho(|r|^2) / 2 over the used features, px^2, before
   double cost = 0;                   ///< and after
   double sigma = 0;                  ///< px: robust standard deviation of a residual component
+  double floor = 0;                  ///< px: sigma_0 of the solution
   int used = 0, inliers = 0, iterations = 0;
 
   bool converged() const { return status == Status::converged; }
@@ -45,10 +48,10 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE
 
 /// The pose that projects the features onto their aligned positions: Cauchy loss, Levenberg-Marquardt (Ceres),
 ///
-///   min_T sum_i rho(|W_i (project(T X_i) - uv1_i)|^2),   W_i = sigma_0 (covariance_i + sigma_0^2 I)^-1/2,   sigma_0 =
-///   min_sigma,
+///   min_T sum_i rho(|W_i (project(T X_i) - uv1_i)|^2),   W_i = sigma_0 (covariance_i + sigma_0^2 I)^-1/2
 ///
-/// over the features whose status is aligned: a sharp patch counts its residual in px, a vague one less.
+/// over the features whose status is aligned: a sharp patch counts its residual in px, a vague one less. sigma_0, the floor, is
+/// found from the residuals: PoseOptions.
 /// Preconditions: `aligned` has one entry a feature, else Error(invalid_argument); a feature that is not finite or has no depth
 /// is not used.
 PoseResult refine_pose(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned, const SE3& T_10,

@@ -41,7 +41,7 @@ std::vector<double> prior_sigmas(const Features& features, double relative_sigma
 double across_epipolar_sigma(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                              const SE3& T_10, const PoseOptions& options) {
   std::vector<double> across;
-  for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, options.min_sigma)) {
+  for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, options.sigma)) {
     const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
     const Eigen::Vector2d along = camera.project_jacobian(p) * T_10.t;  // du1 / dq
     const double length = along.norm();
@@ -75,6 +75,7 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   // How wrong the positions are decides what the priors weigh, so it is measured first; the floor holds for exact data.
   const double sigma_0 =
       std::max(options.pose.min_sigma, across_epipolar_sigma(camera, features, aligned, result.pose.T_10, options.pose));
+  const double scale = options.pose.cauchy_scale * sigma_0;
   std::vector<internal::Observation> used = internal::observations(camera, features, aligned, result.pose.T_10, sigma_0);
   internal::PoseBlock pose = internal::to_block(result.pose.T_10);
   ceres::Problem problem;
@@ -83,8 +84,8 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   ordering->AddElementToGroup(pose.data(), 1);
   for (internal::Observation& o : used) {
     const double sigma_q = result.inverse_depth_sigma[o.feature];
-    problem.AddResidualBlock(new internal::ReprojectionCost(camera, o.uv0, o.uv1, o.W),
-                             new ceres::CauchyLoss(options.pose.cauchy_scale), pose.data(), &o.q);
+    problem.AddResidualBlock(new internal::ReprojectionCost(camera, o.uv0, o.uv1, o.W), new ceres::CauchyLoss(scale),
+                             pose.data(), &o.q);
     problem.AddResidualBlock(new DepthPriorCost(o.q, sigma_0 / sigma_q), nullptr, &o.q);
     problem.SetParameterLowerBound(&o.q, 0, 1e-3 * o.q);  // a depth stays in front of the camera
     ordering->AddElementToGroup(&o.q, 0);
@@ -102,7 +103,7 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   p.report = summary.BriefReport();
   p.T_10 = internal::to_pose(pose.data());
   if (p.T_10.R.allFinite()) p.T_10.orthonormalize();
-  if (!internal::judge(used, camera, summary, options.pose, p)) {
+  if (!internal::judge(used, camera, summary, options.pose, scale, p)) {
     if (!summary.IsSolutionUsable()) p.T_10 = pose_only.T_10;
     return result;
   }

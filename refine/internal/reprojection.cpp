@@ -6,6 +6,7 @@
 #include <sstream>
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/LU>
 
 #include <iclk/engine/error.h>
 
@@ -134,9 +135,39 @@ std::vector<Observation> observations(const Camera& camera, const Features& feat
     const Eigen::Vector3d p = T_10.R * camera.ray(features.uv[i]) + q * T_10.t;
     const Eigen::Matrix2d W = whitening(a.covariance, sigma_0);
     if (p.z() > kMinDepth && a.uv1.allFinite() && W.allFinite())
-      used.push_back({static_cast<int>(i), features.uv[i], a.uv1, q, W});
+      used.push_back({static_cast<int>(i), features.uv[i], a.uv1, q, a.covariance, W});
   }
   return used;
+}
+
+void whiten(std::span<Observation> observations, double sigma_0) {
+  for (Observation& o : observations) o.W = whitening(o.covariance, sigma_0);
+}
+
+double floor_of(const Camera& camera, std::span<const Observation> observations, const SE3& T_10, double distance, double least,
+                double most) {
+  std::vector<std::pair<Eigen::Vector2d, Eigen::Matrix2d>> residuals;
+  for (const Observation& o : observations) {
+    const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
+    if (!(p.z() > kMinDepth)) continue;
+    const Eigen::Vector2d r = camera.project(p) - o.uv1;
+    if (r.norm() <= distance) residuals.emplace_back(r, o.covariance);
+  }
+  if (residuals.empty()) return least;
+  const double n = static_cast<double>(residuals.size());
+  const double expected = 2 * std::log(2.0) * std::max(2 * n - 6, 1.0) / (2 * n);
+  std::vector<double> squares(residuals.size());
+  for (int step = 0; step < 12; ++step) {  // a two-thousandth of the range's logarithm
+    const double middle = std::sqrt(least * most);
+    for (size_t i = 0; i < residuals.size(); ++i) {
+      const auto& [r, C] = residuals[i];
+      squares[i] = r.dot((C + middle * middle * Eigen::Matrix2d::Identity()).inverse() * r);
+    }
+    const auto median = squares.begin() + static_cast<std::ptrdiff_t>(squares.size() / 2);
+    std::nth_element(squares.begin(), median, squares.end());
+    (*median > expected ? least : most) = middle;
+  }
+  return least;
 }
 
 std::vector<double> residual_norms(const Camera& camera, std::span<const Observation> observations, const SE3& T_10) {
@@ -190,10 +221,10 @@ ceres::Solver::Options solver_options(int iterations) {
 }
 
 bool judge(std::span<const Observation> observations, const Camera& camera, const ceres::Solver::Summary& summary,
-           const PoseOptions& options, PoseResult& result) {
+           const PoseOptions& options, double scale, PoseResult& result) {
   const std::vector<double> norms = residual_norms(camera, observations, result.T_10);
-  result.cost = cauchy_cost(norms, options.cauchy_scale);
-  result.sigma = std::sqrt(variance_factor(norms, options.cauchy_scale, 6));
+  result.cost = cauchy_cost(norms, scale);
+  result.sigma = std::sqrt(variance_factor(norms, scale, 6));
   result.inliers = 0;
   for (const Observation& o : observations) {
     const Eigen::Vector3d p = result.T_10.R * camera.ray(o.uv0) + o.q * result.T_10.t;

@@ -56,17 +56,24 @@ struct Observation {
   int feature = 0;
   Eigen::Vector2d uv0, uv1;
   double q = 0;
-  Eigen::Matrix2d W;
+  Eigen::Matrix2d covariance, W;
 };
 
 /// Aligned features in front of camera 1. Throws Error(invalid_argument) for lengths that differ and a pose that is not finite.
 std::vector<Observation> observations(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10, double sigma_0);
+/// Sets W anew.
+void whiten(std::span<Observation> observations, double sigma_0);
+
+/// sigma_0 in [least, most] for which the observations within `distance` px of T_10 agree with their covariances: the median of
+/// r^T (covariance + sigma_0^2 I)^-1 r is 2 ln 2, as of two Gaussian components, less what six parameters have taken.
+double floor_of(const Camera& camera, std::span<const Observation> observations, const SE3& T_10, double distance, double least,
+                double most);
 
 /// Residuals of the observations at T_10, whitened; a point behind the camera is infinitely far off.
 std::vector<double> residual_norms(const Camera& camera, std::span<const Observation> observations, const SE3& T_10);
 
-/// rho(r^2) / 2 of the Cauchy loss, mean.
+/// rho(r^2) / 2 of the Cauchy loss, mean. `scale`: px.
 double cauchy_cost(std::span<const double> norms, double scale);
 
 /// What the M-estimator makes of residuals that do not all come from one Gaussian: with psi(r) = w r,
@@ -78,8 +85,9 @@ double variance_factor(std::span<const double> norms, double scale, int paramete
 
 ceres::Solver::Options solver_options(int iterations);
 
-/// used, inliers, cost and status from the residuals at the final pose; true if the pose may be called converged.
+/// used, inliers, cost and status from the residuals at the final pose; true if the pose may be called converged. `scale`: of
+/// the Cauchy loss, px.
 bool judge(std::span<const Observation> observations, const Camera& camera, const ceres::Solver::Summary& summary,
-           const PoseOptions& options, PoseResult& result);
+           const PoseOptions& options, double scale, PoseResult& result);
 
 }  // namespace iclk::internal
