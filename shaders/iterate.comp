@@ -30,11 +30,15 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 
-float patch_step = 1.0;  // in the list of patches; the same arithmetic as search.cpp
+// A search's share of the template, the same arithmetic as search.cpp: patches evenly out of their list, and of these every
+// second row.
+float patch_step = 1.0;
+int halved = 0;
 
 void add_chosen(View view, int k, float weight) {
-  int number = int(float(k / ICLK_PATCH_AREA) * patch_step);
-  add_element(view, number * ICLK_PATCH_AREA + k % ICLK_PATCH_AREA, weight);
+  int chosen = k >> (6 - halved), within = k & ((ICLK_PATCH_AREA >> halved) - 1);
+  int number = int(float(chosen) * patch_step), row = (within / ICLK_PATCH << halved) + (chosen & halved);
+  add_element(view, number * ICLK_PATCH_AREA + row * ICLK_PATCH + within % ICLK_PATCH, weight);
 }
 ICLK_DEFINE_SUM(add_all_chosen, add_chosen)
 
@@ -70,7 +74,8 @@ void main() {
   uint count = levels[push.level].element_count;
   if (push.max_features > 0u) {
     patch_step = max(1.0, float(reference.feature_count) / float(push.max_features));
-    count = min(reference.feature_count, push.max_features) * ICLK_PATCH_AREA;
+    halved = reference.feature_count > ICLK_SEARCH_WHOLE ? 1 : 0;
+    count = min(reference.feature_count, push.max_features) * (ICLK_PATCH_AREA >> halved);
   }
   View view = view_of(pair);
   Lm lm = load_state(pair);
