@@ -195,8 +195,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       const bool same_set = round > 0 && aligned_set(r.features) == aligned_set(aligned[k]);
       r.features = std::move(aligned[k]);
       r.rounds = round + 1;
-      const GreyWeights seen = r.recolouring.weights;
-      if (wants_colours(r)) r.recolouring = recolour(r.features);
+      const Recolouring found = wants_colours(r) ? recolour(r.features) : r.recolouring;
       const Stopwatch pose_time;
       const PoseResult pose = refine_pose(view(i).camera, view(i).features, r.features, T[i], options_.pose);
       Stage& alignment_stage = stage(r, "feature_alignment");
@@ -212,7 +211,8 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       if (pose.inliers < options_.pose.min_features) continue;
       const std::vector<double> moved = motions(view(i), T[i], pose.T_10);
       T[i] = pose.T_10;
-      const bool recoloured = r.recolouring.weights != seen;
+      const bool recoloured = found.weights != r.recolouring.weights;
+      r.recolouring = found;  // what the next round sees
       if (!(moved.back() <= options_.round_tolerance) || (round > 0 && !same_set) || recoloured) moving.push_back(i);
     }
     active = std::move(moving);
