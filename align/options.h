@@ -32,7 +32,7 @@ struct StartSearch {
   int grid = 7;         ///< odd
   double rotation = 0;  ///< largest pan and tilt, rad; 0: so that starts lie 3.4 pixels of the coarsest level apart
   double roll = 0.15;   ///< rad; 0: no other rolls
-  int screened = 48, kept = 4, iterations = 5;
+  int screened = 48, kept = 8, iterations = 5;
   double min_visible = 0.4;  ///< starts that see less are left out
 
   int starts() const { return grid * grid * (roll > 0 ? 3 : 1); }
