@@ -13,8 +13,9 @@ namespace iclk {
 struct PoseOptions {
   /// px: what a perfect patch is still wrong by (interpolation, depth, rolling surface), a floor of every covariance. A first
   /// solution takes `sigma`; the residuals that it leaves say what the last one takes, within [min_sigma, max_sigma]: depth of
-  /// a room's camera and of a terrain model are ten times apart.
-  double sigma = 0.1, min_sigma = 0.05, max_sigma = 0.75;
+  /// a room's camera and of a terrain model are ten times apart. A wider one would follow what is wrong the same way in many
+  /// places, such as a lens that nobody described.
+  double sigma = 0.1, min_sigma = 0.05, max_sigma = 0.3;
   double cauchy_scale = 2.5;  ///< a residual of so many floors has half the weight
   int iterations = 50;
   int min_features = 6;           ///< fewer aligned features end in too_few_features
