@@ -69,8 +69,8 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_flag("--dense", dense, "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
   command.add_flag("--no-refine", no_refine, "Stop after ICLK: no feature alignment, no pose refinement");
   command.add_option("--refine-rounds", refiner.rounds, "Rounds of feature alignment and pose, at most")->capture_default_str();
-  command.add_flag(
-      "!--no-recolour", refiner.feature_alignment.recolour,
+  command.add_flag_callback(
+      "--no-recolour", [this] { refiner.feature_alignment.recolour = false; },
       "Refine on the luma of a target whose colours are not the reference's, not on the grey values that fit the reference");
   command.add_flag("--structure", refiner.structure, "Refine the inverse depths along with the pose at the end");
 }
