@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <cstring>
-#include <utility>
 
 #include <iclk/align/internal/device_impl.h>
 #include <iclk/align/internal/grey_pyramid.h>

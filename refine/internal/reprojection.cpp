@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 #include <sstream>
 
 #include <Eigen/Eigenvalues>
@@ -17,6 +18,13 @@ using RowMajor6x12 = Eigen::Matrix<double, 6, 12, Eigen::RowMajor>;
 using RowMajor12x6 = Eigen::Matrix<double, 12, 6, Eigen::RowMajor>;
 
 constexpr double kMinDepth = 1e-6;  // of X1 times q, as in the aligner's residual
+
+/// px, not whitened; none where the point is behind the camera.
+std::optional<Eigen::Vector2d> residual(const Camera& camera, const Observation& o, const SE3& T_10) {
+  const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
+  if (!(p.z() > kMinDepth)) return std::nullopt;
+  return camera.project(p) - o.uv1;
+}
 
 }  // namespace
 
@@ -148,16 +156,14 @@ double floor_of(const Camera& camera, std::span<const Observation> observations,
                 double most) {
   std::vector<std::pair<Eigen::Vector2d, Eigen::Matrix2d>> residuals;
   for (const Observation& o : observations) {
-    const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
-    if (!(p.z() > kMinDepth)) continue;
-    const Eigen::Vector2d r = camera.project(p) - o.uv1;
-    if (r.norm() <= distance) residuals.emplace_back(r, o.covariance);
+    const auto r = residual(camera, o, T_10);
+    if (r && r->norm() <= distance) residuals.emplace_back(*r, o.covariance);
   }
   if (residuals.empty()) return least;
   const double n = static_cast<double>(residuals.size());
   const double expected = 2 * std::log(2.0) * std::max(2 * n - 6, 1.0) / (2 * n);
   std::vector<double> squares(residuals.size());
-  for (int step = 0; step < 12; ++step) {  // a two-thousandth of the range's logarithm
+  for (int step = 0; step < 12; ++step) {  // to a four-thousandth of the range's logarithm
     const double middle = std::sqrt(least * most);
     for (size_t i = 0; i < residuals.size(); ++i) {
       const auto& [r, C] = residuals[i];
@@ -174,8 +180,8 @@ std::vector<double> residual_norms(const Camera& camera, std::span<const Observa
   std::vector<double> norms;
   norms.reserve(observations.size());
   for (const Observation& o : observations) {
-    const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
-    norms.push_back(p.z() > kMinDepth ? (o.W * (camera.project(p) - o.uv1)).norm() : std::numeric_limits<double>::infinity());
+    const auto r = residual(camera, o, T_10);
+    norms.push_back(r ? (o.W * *r).norm() : std::numeric_limits<double>::infinity());
   }
   return norms;
 }
@@ -227,8 +233,8 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
   result.sigma = std::sqrt(variance_factor(norms, scale, 6));
   result.inliers = 0;
   for (const Observation& o : observations) {
-    const Eigen::Vector3d p = result.T_10.R * camera.ray(o.uv0) + o.q * result.T_10.t;
-    if (p.z() > kMinDepth && (camera.project(p) - o.uv1).norm() <= options.inlier_distance) ++result.inliers;
+    const auto r = residual(camera, o, result.T_10);
+    if (r && r->norm() <= options.inlier_distance) ++result.inliers;
   }
   std::ostringstream why;
   why << result.inliers << " of " << result.used << " features within " << options.inlier_distance << " px";
