@@ -1,9 +1,12 @@
 #include <iclk/align/tuning.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <chrono>
 #include <ctime>
+#include <deque>
+#include <optional>
 #include <set>
 #include <sstream>
 
@@ -14,7 +17,8 @@ namespace iclk {
 namespace {
 
 constexpr std::string_view kHeader = "iclk-tuning 2";
-constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4};
+constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
+                                     ConvVariant::winograd4x1};
 
 std::optional<ConvVariant> variant_of(std::string_view word) {
   for (ConvVariant variant : kVariants)
@@ -36,64 +40,82 @@ double now(engine::DeviceType type) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// Seconds of the fastest of a few runs; the first one, which compiles, does not count.
-double seconds(engine::Submission& submission, engine::DeviceType type) {
-  submission.submit_and_wait();
-  double best = 1e30;
-  for (int run = 0; run < 5; ++run) {
-    const double begin = now(type);
-    submission.submit_and_wait();
-    best = std::min(best, now(type) - begin);
-  }
-  return best;
-}
-
-double measure(const std::shared_ptr<const engine::Context>& context, const internal::ConvKernels& kernels,
-               const ConvShape& shape, ConvVariant variant) {
-  internal::ConvStep step;
-  step.variant = variant;
-  step.dilation = static_cast<uint32_t>(shape.dilation);
-  step.in = {static_cast<uint32_t>(shape.width), static_cast<uint32_t>(shape.height), static_cast<uint32_t>(shape.in), 1,
-             step.dilation};
-  step.out = step.in;
-  step.out.channels = static_cast<uint32_t>(shape.out);
-  const size_t in = static_cast<size_t>(shape.in), out = static_cast<size_t>(shape.out);
-  const ConvLayer layer{shape.in, shape.out, shape.dilation, std::vector<float>(9 * in * out, 1e-3f),
-                        std::vector<float>(out, 0.1f)};
-  internal::PackedWeights packed;
-  step.packed = packed.add(layer, variant);
-  engine::MemoryPlan plan;
-  const auto add = [&](const char* what, uint64_t texels, Precision precision = Precision::fp32) {
-    return plan.add(what, internal::texel_bytes(precision) * texels, engine::MemoryKind::device,
-                    engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(precision));
-  };
-  const auto x = add("tuning: input", step.in.texels(), shape.precision),
-             y = add("tuning: output", step.out.texels(), shape.precision),
-             w = add("tuning: weights", packed.data().size() / 4),
-             scratch = add("tuning: tiles", std::max<uint64_t>(1, internal::ConvKernels::scratch_texels(step, *context)));
-  const engine::Workspace memory(context, plan);
-  internal::write_buffer(context, memory[w], packed.data());
-  engine::ArenaSize size;
-  kernels.add_to(size);
-  engine::DescriptorArena arena(context, size);
-  engine::Submission fill(context), submission(context);
-  {
-    engine::Recorder recorder(*context, fill.begin(), arena);
+// A layer in every variant, ready to be run. Input, output and tiles are the same memory for all.
+class Trial {
+ public:
+  Trial(const std::shared_ptr<const engine::Context>& context, const internal::ConvKernels& kernels, const ConvShape& shape)
+      : type_(context->info().type) {
+    internal::ConvStep step;
+    step.dilation = static_cast<uint32_t>(shape.dilation);
+    step.in = {static_cast<uint32_t>(shape.width), static_cast<uint32_t>(shape.height), static_cast<uint32_t>(shape.in), 1,
+               step.dilation};
+    step.out = step.in;
+    step.out.channels = static_cast<uint32_t>(shape.out);
+    const size_t in = static_cast<size_t>(shape.in), out = static_cast<size_t>(shape.out);
+    const ConvLayer layer{shape.in, shape.out, shape.dilation, std::vector<float>(9 * in * out, 1e-3f),
+                          std::vector<float>(out, 0.1f)};
+    internal::PackedWeights packed;
+    std::vector<internal::ConvStep> steps;
+    uint64_t tiles = 1;
+    for (ConvVariant variant : kVariants) {
+      step.variant = variant;
+      step.packed = packed.add(layer, variant);
+      tiles = std::max(tiles, internal::ConvKernels::scratch_texels(step, *context));
+      steps.push_back(step);
+    }
+    engine::MemoryPlan plan;
+    const auto add = [&](const char* what, uint64_t texels, Precision precision = Precision::fp32) {
+      return plan.add(what, internal::texel_bytes(precision) * texels, engine::MemoryKind::device,
+                      engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(precision));
+    };
+    const auto x = add("tuning: input", step.in.texels(), shape.precision),
+               y = add("tuning: output", step.out.texels(), shape.precision),
+               w = add("tuning: weights", packed.data().size() / 4), scratch = add("tuning: tiles", tiles);
+    memory_.emplace(context, plan);
+    internal::write_buffer(context, (*memory_)[w], packed.data());
+    engine::ArenaSize size;
+    kernels.add_to(size);
+    arena_.emplace(context, size);
+    engine::Submission fill(context);
+    engine::Recorder recorder(*context, fill.begin(), *arena_);
     // 0.5: denormals and NaN have times of their own.
-    recorder.fill(memory[x], shape.precision == Precision::fp16 ? 0x38003800u : 0x3f000000u);
+    recorder.fill((*memory_)[x], shape.precision == Precision::fp16 ? 0x38003800u : 0x3f000000u);
     fill.end();
     fill.submit_and_wait();
+    for (const internal::ConvStep& s : steps) {
+      engine::Submission& submission = submissions_.emplace_back(context);
+      engine::Recorder recorder(*context, submission.begin(), *arena_);
+      kernels.record(recorder, s, (*memory_)[x], (*memory_)[w], (*memory_)[y], (*memory_)[scratch]);
+      submission.end();
+    }
   }
-  engine::Recorder recorder(*context, submission.begin(), arena);
-  kernels.record(recorder, step, memory[x], memory[w], memory[y], memory[scratch]);
-  submission.end();
-  return seconds(submission, context->info().type);
-}
+
+  // Of the fastest of a few runs of each; the first one, which compiles, does not count. They take turns, so that
+  // what else the machine does for a while falls on all of them.
+  ConvVariant fastest() {
+    std::array<double, std::size(kVariants)> best;
+    best.fill(1e30);
+    for (engine::Submission& submission : submissions_) submission.submit_and_wait();
+    for (int run = 0; run < 5; ++run)
+      for (size_t i = 0; i < best.size(); ++i) {
+        const double begin = now(type_);
+        submissions_[i].submit_and_wait();
+        best[i] = std::min(best[i], now(type_) - begin);
+      }
+    return kVariants[std::min_element(best.begin(), best.end()) - best.begin()];
+  }
+
+ private:
+  engine::DeviceType type_;
+  std::optional<engine::Workspace> memory_;
+  std::optional<engine::DescriptorArena> arena_;
+  std::deque<engine::Submission> submissions_;
+};
 
 }  // namespace
 
 const char* name(ConvVariant variant) {
-  constexpr const char* names[] = {"direct", "winograd2", "winograd4"};
+  constexpr const char* names[] = {"direct", "winograd2", "winograd4", "winograd4x1"};
   return names[static_cast<int>(variant)];
 }
 
@@ -160,13 +182,7 @@ Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::ve
     kernels.try_emplace(shape.precision, context, kVariants, internal::can_shuffle(context->info()), shape.precision);
   for (size_t i = 0; i < missing.size(); ++i) {
     if (progress) progress(static_cast<int>(i), static_cast<int>(missing.size()));
-    double best = 1e30;
-    for (ConvVariant variant : kVariants) {
-      const double time = measure(context, kernels.at(missing[i].precision), missing[i], variant);
-      if (time >= best) continue;
-      best = time;
-      known.variants[missing[i]] = variant;
-    }
+    known.variants[missing[i]] = Trial(context, kernels.at(missing[i].precision), missing[i]).fastest();
   }
   return known;
 }

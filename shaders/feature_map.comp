@@ -12,17 +12,19 @@ layout(set = 0, binding = 1, std430) writeonly buffer Maps { float maps[]; };
 #include "activations.glsl"
 layout(push_constant) uniform Push { FeatureMapPush push; };
 
-float mean(vec4 s) { return ((s.x + s.y) + (s.z + s.w)) * push.inverse_channels; }
-
 void main() {
   uint x = gl_GlobalInvocationID.x, y = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
-  if (2u * x >= push.width) return;
   bool right = 2u * x + 1u < push.width, below = 2u * y + 1u < push.height, halves = push.halves != 0u && right && below;
   int pitch = int(push.in_pitch);
   int at = int(push.in_offset + image * push.in_image + 2u * y * push.in_pitch + 2u * x);
   uint to = push.out_offset + image * push.out_image + y * push.out_pitch + x;
-  int in_plane = int(push.in_plane);  // read before lanes part, see docs/convolutions.md
-  uint out_plane = push.out_plane, planes = push.in_planes, c = 0u;
+  // Push constants are read before lanes part, see docs/convolutions.md.
+  int in_plane = int(push.in_plane);
+  uint out_plane = push.out_plane, planes = push.in_planes, c = 0u, map_pitch = push.map_pitch;
+  uint map = (push.first_image + image) * push.map_stride + push.map_offset + 2u * y * map_pitch + 2u * x;
+  uvec2 first = uvec2(push.first_u, push.first_v), end = uvec2(push.end_u, push.end_v);
+  float inverse_channels = push.inverse_channels;
+  if (2u * x >= push.width) return;
   vec4 sum[4] = vec4[](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
   do {
     // Beyond the last row or column lies the border.
@@ -36,10 +38,10 @@ void main() {
     at += in_plane;
     to += out_plane;
   } while (++c < planes);
-  uint map = (push.first_image + image) * push.map_stride + push.map_offset + 2u * y * push.map_pitch + 2u * x;
   [[unroll]] for (uint k = 0u; k < 4u; ++k) {
-    uint u = 2u * x + k % 2u, v = 2u * y + k / 2u;
-    if (u >= push.first_u && u < push.end_u && v >= push.first_v && v < push.end_v)
-      maps[map + (k / 2u) * push.map_pitch + k % 2u] = mean(sum[k]);
+    uvec2 at = 2u * uvec2(x, y) + uvec2(k % 2u, k / 2u);
+    vec4 s = sum[k];
+    if (all(greaterThanEqual(at, first)) && all(lessThan(at, end)))
+      maps[map + (k / 2u) * map_pitch + k % 2u] = ((s.x + s.y) + (s.z + s.w)) * inverse_channels;
   }
 }

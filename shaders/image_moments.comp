@@ -14,14 +14,15 @@ void main() {
   uint lane = gl_LocalInvocationIndex, strip = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
   uint rows = (push.height + ICLK_LIGHT_STRIPS - 1u) / ICLK_LIGHT_STRIPS;
   uint first = strip * rows, end = min(first + rows, push.height);
-  uint base = (push.first_image + image) * push.pixel_stride;
+  // Read before the loops: what is read where lanes may be off is read anew, and dearly, by lavapipe.
+  uint base = (push.first_image + image) * push.pixel_stride, width = push.width, row_pixels = push.row_pixels;
   bool luma_only = CHANNELS == 1u;
   // Deviations from one of the values, so that no digits are lost where all of them are large.
   float shift = 0.0, sum = 0.0, squares = 0.0;
   uint count = 0u;
   for (uint v = first; v < end; ++v)
-    for (uint u = lane; u < push.width; u += gl_WorkGroupSize.x) {
-      vec3 c = colour(base, v * push.row_pixels + u);
+    for (uint u = lane; u < width; u += gl_WorkGroupSize.x) {
+      vec3 c = colour(base, v * row_pixels + u);
       if (luma_only) c = vec3(luma(c));
       vec3 size = abs(c);
       bool counts = size.x < ICLK_LARGEST_PIXEL && size.y < ICLK_LARGEST_PIXEL && size.z < ICLK_LARGEST_PIXEL;

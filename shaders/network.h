@@ -14,6 +14,8 @@ using uint = uint32_t;
 #define ICLK_CONV_CHANNELS 8
 // Rows that an invocation of conv_direct makes, `dilation` apart.
 #define ICLK_CONV_ROWS 4
+// Tiles of four rows that an invocation of winograd4x1 makes.
+#define ICLK_COLUMN_TILES 2
 // Tiles that an invocation of winograd_product makes.
 #define ICLK_WINOGRAD_TILES 4
 
@@ -22,6 +24,8 @@ using uint = uint32_t;
 #define ICLK_WINOGRAD_A 0.70710678
 #define ICLK_WINOGRAD_B 1.41421356
 
+// Pixels of a row that an invocation of normalise.comp takes: what it reads once costs lavapipe more than a pixel does.
+#define ICLK_NORMALISE_PIXELS 4
 // Strips of rows of which image_moments.comp finds mean and deviation.
 #define ICLK_LIGHT_STRIPS 32
 // Of an image that is normalised by itself, 1 / 255 of the range: less is no texture but rounding.

@@ -15,6 +15,8 @@
 #include "winograd4_input.comp.spv.h"
 #include "winograd4_product.comp.spv.h"
 #include "winograd4_product_plain.comp.spv.h"
+#include "winograd4x1.comp.spv.h"
+#include "winograd4x1_plain.comp.spv.h"
 
 namespace iclk::internal {
 namespace {
@@ -24,16 +26,20 @@ constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
 constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
 constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
 
+// Of whole tiles, which are transformed in a dispatch of their own.
+bool in_two_parts(ConvVariant variant) { return variant == ConvVariant::winograd2 || variant == ConvVariant::winograd4; }
 uint32_t tile_size(ConvVariant variant) { return variant == ConvVariant::winograd4 ? 4 : 2; }
 uint32_t positions(ConvVariant variant) {
+  if (variant == ConvVariant::direct) return 9;
+  if (variant == ConvVariant::winograd4x1) return 18;
   const uint32_t m = tile_size(variant) + 2;
-  return variant == ConvVariant::direct ? 9 : m * m;
+  return m * m;
 }
 uint32_t blocks(const ConvLayer& layer) { return engine::groups_for(static_cast<uint32_t>(layer.out), kBlock); }
 // Input planes for which there are weights: the products of Winograd take two at a time (shaders/winograd_product.glsl).
 uint32_t weight_planes(const ConvLayer& layer, ConvVariant variant) {
   const uint32_t planes = (static_cast<uint32_t>(layer.in) + 3) / 4;
-  return variant == ConvVariant::direct ? planes : (planes + 1) / 2 * 2;
+  return in_two_parts(variant) ? (planes + 1) / 2 * 2 : planes;
 }
 
 // G of Lavin and Gray, "Fast algorithms for convolutional neural networks".
@@ -43,12 +49,22 @@ constexpr double kNa = 2 * kA2 * (kA2 - kB2), kNb = 2 * kB2 * (kB2 - kA2);
 constexpr double kG4[6][3] = {{1 / (kA2 * kB2), 0, 0},        {1 / kNa, kA / kNa, kA2 / kNa},  {1 / kNa, -kA / kNa, kA2 / kNa},
                               {1 / kNb, kB / kNb, kB2 / kNb}, {1 / kNb, -kB / kNb, kB2 / kNb}, {0, 0, 1}};
 
-// The weights of one pair of channels, as many as positions(): columns of the kernel first for `direct`, else G g G^T.
+// The weights of one pair of channels, as many as positions(): columns of the kernel first for `direct`, each times G for
+// `winograd4x1`, else G g G^T.
 std::array<float, 36> transformed(const float* g, ConvVariant variant) {
   std::array<float, 36> out{};
   if (variant == ConvVariant::direct) {
     for (size_t ky = 0; ky < 3; ++ky)
       for (size_t kx = 0; kx < 3; ++kx) out[3 * kx + ky] = g[3 * ky + kx];
+    return out;
+  }
+  if (variant == ConvVariant::winograd4x1) {
+    for (size_t kx = 0; kx < 3; ++kx)
+      for (size_t i = 0; i < 6; ++i) {
+        double sum = 0;
+        for (size_t ky = 0; ky < 3; ++ky) sum += kG4[i][ky] * static_cast<double>(g[3 * ky + kx]);
+        out[6 * kx + i] = static_cast<float>(sum);
+      }
     return out;
   }
   const size_t m = tile_size(variant) + 2;
@@ -100,8 +116,8 @@ PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
       const auto values = transformed(&layer.weight[(o * in + i) * 9], variant);
       const size_t half = o % kBlock / 4;
       for (size_t p = 0; p < n; ++p) {
-        // The products walk through the planes at each position, the direct convolution through the positions of each plane.
-        const size_t step = variant == ConvVariant::direct ? (i / 4) * n + p : p * in_planes + i / 4;
+        // The products of tiles walk through the planes at each position, the others through the positions of each plane.
+        const size_t step = in_two_parts(variant) ? p * in_planes + i / 4 : (i / 4) * n + p;
         const size_t texel = (o / kBlock * n * in_planes + step) * kBlock + 2 * (i % 4) + half;
         to[4 * texel + o % 4] = values[p];
       }
@@ -133,6 +149,8 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   };
   if (uses(ConvVariant::direct))
     direct_ = convolution(choose(conv_direct_comp_spv, conv_direct_plain_comp_spv), sizeof(shaders::ConvPush), direct_lanes_);
+  if (uses(ConvVariant::winograd4x1))
+    column_ = convolution(choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv), sizeof(shaders::ConvPush), direct_lanes_);
   if (uses(ConvVariant::winograd2))
     winograd2_ = {input(winograd2_input_comp_spv),
                   convolution(choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv),
@@ -152,7 +170,7 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context
 }
 
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
-  if (step.variant == ConvVariant::direct) return 0;
+  if (!in_two_parts(step.variant)) return 0;
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes();
   const uint64_t group = ICLK_WINOGRAD_TILES * product_lanes(type);
   const uint64_t wanted = (Tiles(step).all + group - 1) / group * group;
@@ -162,7 +180,7 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType ty
 void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
                          const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
   record_border(recorder, step.out, out);
-  if (step.variant == ConvVariant::direct) return record_direct(recorder, step, in, weights, out);
+  if (!in_two_parts(step.variant)) return record_columns(recorder, step, in, weights, out);
   const Winograd& kernels = step.variant == ConvVariant::winograd4 ? winograd4_ : winograd2_;
   const Tiles tiles(step);
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes(),
@@ -199,8 +217,8 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
   }
 }
 
-void ConvKernels::record_direct(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
-                                const engine::Buffer& weights, const engine::Buffer& out) const {
+void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
+                                 const engine::Buffer& weights, const engine::Buffer& out) const {
   shaders::ConvPush push{};
   push.width = step.out.width;
   push.height = step.out.height;
@@ -218,8 +236,10 @@ void ConvKernels::record_direct(engine::Recorder& recorder, const ConvStep& step
   push.out_planes = step.out.planes();
   push.weights = step.packed.weights;
   push.bias = step.packed.bias;
-  const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, ICLK_CONV_ROWS * push.dilation)) * push.dilation;
-  recorder.dispatch(direct_, {&in, &weights, &out}, push,
+  const bool direct = step.variant == ConvVariant::direct;
+  const uint32_t tall = direct ? ICLK_CONV_ROWS : 4 * ICLK_COLUMN_TILES;
+  const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, tall * push.dilation)) * push.dilation;
+  recorder.dispatch(direct ? direct_ : column_, {&in, &weights, &out}, push,
                     spread(engine::groups_for(step.out.channels, kBlock), rows * push.width * push.images, direct_lanes_));
 }
 
@@ -234,6 +254,7 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
   // The activations go to and fro between two buffers.
   size.add(border_, 2);
   if (direct_) size.add(direct_, 2);
+  if (column_) size.add(column_, 2);
   for (const Winograd* w : {&winograd2_, &winograd4_}) {
     if (!w->input) continue;
     size.add(w->input, 2);
@@ -246,7 +267,8 @@ uint64_t conv_shader_hash() {
   const std::span<const uint32_t> all[] = {
       conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd2_input_comp_spv,
       winograd2_product_comp_spv, winograd2_product_plain_comp_spv, winograd4_input_comp_spv,
-      winograd4_product_comp_spv, winograd4_product_plain_comp_spv};
+      winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,
+      winograd4x1_plain_comp_spv};
   for (const auto& words : all)
     for (uint32_t word : words) hash = (hash ^ word) * 0x100000001b3u;
   return hash;

@@ -77,11 +77,11 @@ class ConvKernels {
   void add_to(engine::ArenaSize& size) const;
 
  private:
-  void record_direct(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
-                     const engine::Buffer& out) const;
+  void record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
+                      const engine::Buffer& out) const;
 
   uint32_t direct_lanes_, product_lanes_;
-  engine::Kernel border_, direct_;
+  engine::Kernel border_, direct_, column_;
   struct Winograd {
     engine::Kernel input, product;
   } winograd2_, winograd4_;

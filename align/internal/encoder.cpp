@@ -150,7 +150,7 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
   }
   convolutions_->record_border(recorder, input, buffer(0));
   recorder.dispatch(normalise_, {&pixels, &buffer(0), &memory[light_]}, n,
-                    {engine::groups_for(n.width, kLanes), n.height, count});
+                    {engine::groups_for(n.width, kLanes * ICLK_NORMALISE_PIXELS), n.height, count});
   for (size_t l = 0; l < levels_.size(); ++l) {
     const Level& level = levels_[l];
     for (ConvStep step : level.steps) {

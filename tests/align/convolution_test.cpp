@@ -117,8 +117,9 @@ TEST_P(Convolution, IsThePlainOne) {
   }
 }
 
-constexpr Way kWays[] = {{ConvVariant::direct, true},     {ConvVariant::direct, false},   {ConvVariant::winograd2, true},
-                         {ConvVariant::winograd2, false}, {ConvVariant::winograd4, true}, {ConvVariant::winograd4, false}};
+constexpr Way kWays[] = {{ConvVariant::direct, true},      {ConvVariant::direct, false},     {ConvVariant::winograd2, true},
+                         {ConvVariant::winograd2, false},  {ConvVariant::winograd4, true},   {ConvVariant::winograd4, false},
+                         {ConvVariant::winograd4x1, true}, {ConvVariant::winograd4x1, false}};
 
 std::string test_name(const testing::TestParamInfo<std::tuple<Way, Shape>>& info) {
   const auto& [way, s] = info.param;
