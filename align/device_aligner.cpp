@@ -140,7 +140,8 @@ std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference
   return checks;
 }
 
-void DeviceAligner::Impl::prepare_dirty(Recorder& recorder) {
+std::vector<internal::Stages::Run> DeviceAligner::Impl::upload_dirty(Recorder& recorder) {
+  std::vector<internal::Stages::Run> runs;
   for (size_t first = 0; first < slots.size();) {
     if (!slots[first].dirty) {
       ++first;
@@ -164,9 +165,10 @@ void DeviceAligner::Impl::prepare_dirty(Recorder& recorder) {
         recorder.copy(memory[*ids.staging_depth], memory[ids.mask], std::span(&region, 1));
       }
     }
-    stages().prepare(recorder, static_cast<uint32_t>(first), static_cast<uint32_t>(count));
+    runs.push_back({static_cast<uint32_t>(first), static_cast<uint32_t>(count)});
     first = last;
   }
+  return runs;
 }
 
 void DeviceAligner::Impl::upload_targets(Recorder& recorder, std::span<const Pair> pairs) {
@@ -178,6 +180,14 @@ void DeviceAligner::Impl::upload_targets(Recorder& recorder, std::span<const Pai
   if (!ids.staging1) return;
   recorder.stage("upload");
   recorder.copy(memory[*ids.staging1], memory[ids.pixels1], image * pairs.size());
+}
+
+void DeviceAligner::Impl::prepare(Recorder& recorder, std::span<const Pair> pairs) {
+  const auto references = upload_dirty(recorder);
+  upload_targets(recorder, pairs);
+  const internal::Stages s = stages();
+  s.maps(recorder, references, static_cast<uint32_t>(pairs.size()));
+  for (const auto& run : references) s.prepare(recorder, run);
 }
 
 void DeviceAligner::Impl::check_pairs(std::span<const Pair> pairs) const {
@@ -218,11 +228,9 @@ void DeviceAligner::Impl::pack(const SE3& T_10, const std::optional<PosePrior>& 
 std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair> pairs) {
   const auto n = static_cast<uint32_t>(pairs.size());
   Recorder recorder(*context, submission.begin(), arena, timer.get());
-  prepare_dirty(recorder);
-  upload_targets(recorder, pairs);
+  prepare(recorder, pairs);
   for (uint32_t i = 0; i < n; ++i) pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, i, run_ids, run);
   const internal::Stages s = stages();
-  s.targets(recorder, n);
   s.align(recorder, n);
   s.read_back(recorder, n);
   recorder.finish();

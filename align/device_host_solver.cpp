@@ -79,9 +79,7 @@ struct DeviceAligner::Impl::HostRun {
     const auto upload = [&](Recorder& recorder) {
       if (uploaded) return;
       uploaded = true;
-      m.prepare_dirty(recorder);
-      m.upload_targets(recorder, pairs);
-      m.stages().targets(recorder, count());
+      m.prepare(recorder, pairs);
     };
     if (m.options.search.enabled) {
       Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());

@@ -159,7 +159,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   m.recorded = true;
   engine::Recorder recorder(*m.context, commands, recording->arena);
   const VkDeviceSize image_bytes = 4ull * m.layout.pixel_words;
-  m.prepare_dirty(recorder);  // keyframes that set_reference() left for the next submission
+  auto prepared = m.upload_dirty(recorder);  // keyframes that set_reference() left for the next submission
   uint32_t features = m.most_features();
   for (const DeviceReference& reference : references)
     features = std::max(features, static_cast<uint32_t>(reference.features.size()));
@@ -172,7 +172,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     m.slots[static_cast<size_t>(reference.slot)].dirty = false;
     copy_pixels(recorder, reference.image, m.plan, m.layout, m.memory[m.ids.pixels0],
                 image_bytes * static_cast<uint64_t>(reference.slot));
-    stages.prepare(recorder, static_cast<uint32_t>(reference.slot), 1);
+    prepared.push_back({static_cast<uint32_t>(reference.slot), 1});
   }
   for (size_t i = 0; i < pairs.size(); ++i) {
     const Impl::Slot& slot = m.slots[static_cast<size_t>(pairs[i].reference)];
@@ -181,7 +181,8 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     copy_pixels(recorder, pairs[i].target, m.plan, m.layout, m.memory[m.ids.pixels1], image_bytes * i);
   }
   const auto n = static_cast<uint32_t>(pairs.size());
-  stages.targets(recorder, n);
+  stages.maps(recorder, prepared, n);
+  for (const auto& run : prepared) stages.prepare(recorder, run);
   stages.align(recorder, n);
   stages.read_back(recorder, n);
   recorder.publish({&recording->run[recording->run_ids.results]});

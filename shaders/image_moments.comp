@@ -34,6 +34,6 @@ void main() {
       ++count;
     }
   float n = float(count) * (luma_only ? 1.0 : 3.0), mean = n > 0.0 ? sum / n : 0.0;
-  moments[(image * ICLK_LIGHT_STRIPS + strip) * gl_WorkGroupSize.x + lane] =
+  moments[((push.at + image) * ICLK_LIGHT_STRIPS + strip) * gl_WorkGroupSize.x + lane] =
       vec4(n, shift + mean, max(squares - sum * mean, 0.0), 0.0);
 }

@@ -36,7 +36,7 @@ using uint = uint32_t;
 
 struct MomentsPush {
   uint width, height;
-  uint row_pixels, pixel_stride, first_image;  // as in NormalisePush
+  uint row_pixels, pixel_stride, first_image, at;  // as in NormalisePush
 };
 
 struct NormalisePush {
@@ -45,6 +45,7 @@ struct NormalisePush {
   uint row_pixels;    // of the raw pixels
   uint pixel_stride;  // 32-bit words from an image to the next
   uint first_image;   // in the pixels
+  uint at;            // its number in the pass
   uint out_offset, out_pitch, out_image;
   float mean[3], inverse_std[3];
 };

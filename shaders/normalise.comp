@@ -14,11 +14,11 @@ layout(set = 0, binding = 2, std430) readonly buffer Light { vec2 light[]; };  /
 layout(push_constant) uniform Push { NormalisePush push; };
 
 void main() {
-  uint lanes = gl_WorkGroupSize.x, v = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
+  uint lanes = gl_WorkGroupSize.x, v = gl_WorkGroupID.y, image = push.at + gl_WorkGroupID.z;
   uint u = gl_WorkGroupID.x * lanes * ICLK_NORMALISE_PIXELS + gl_LocalInvocationIndex, width = push.width, k = 0u;
   vec3 mean = vec3(push.mean[0], push.mean[1], push.mean[2]);
   vec3 inverse_std = vec3(push.inverse_std[0], push.inverse_std[1], push.inverse_std[2]);
-  uint base = (push.first_image + image) * push.pixel_stride, row = push.origin + v * push.row_pixels;
+  uint base = (push.first_image + gl_WorkGroupID.z) * push.pixel_stride, row = push.origin + v * push.row_pixels;
   uint to = push.out_offset + image * push.out_image + v * push.out_pitch;
   vec2 of_image = BY_IMAGE ? light[image] : vec2(0.0, 1.0);
   do {

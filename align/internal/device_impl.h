@@ -56,9 +56,11 @@ struct DeviceAligner::Impl {
   /// Host data of a slot: camera, features, verdicts. Pixels are another matter.
   void set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
                 std::vector<FeatureCheck> checks);
-  /// Copies staged pixels and prepares what is dirty.
-  void prepare_dirty(engine::Recorder& recorder);
+  /// Copies staged pixels of the references that set_reference() left for this recording, and returns which they are.
+  std::vector<internal::Stages::Run> upload_dirty(engine::Recorder& recorder);
   void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
+  /// Both images of every pair, ready to be aligned.
+  void prepare(engine::Recorder& recorder, std::span<const Pair> pairs);
   /// Writes pair `index` of a run, its starts included where there is a search.
   void pack(const SE3& T_10, const std::optional<PosePrior>& prior, int reference, uint32_t index,
             const internal::RunBuffers& to_ids, const engine::Workspace& to) const;

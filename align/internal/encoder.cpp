@@ -107,29 +107,41 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
   convolutions_.emplace(context, used, shuffle, precision_);
 }
 
-void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
-                     const engine::Buffer& maps, uint32_t first, uint32_t count) const {
+void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Images> all) const {
   recorder.stage("encode");
-  for (uint32_t done = 0; done < count; done += pass_) {
-    const uint32_t images = std::min(pass_, count - done);
-    if (by_image()) record_light(recorder, memory, pixels, first + done, images);
+  std::vector<Part> parts;  // of the next pass
+  uint32_t filled = 0;
+  const auto pass = [&] {
+    if (by_image()) record_light(recorder, memory, parts);
     for (const Tiling::Span& row : tiling_.rows)
-      for (const Tiling::Span& column : tiling_.columns)
-        record_pass(recorder, memory, pixels, maps, column, row, first + done, images);
-  }
+      for (const Tiling::Span& column : tiling_.columns) record_tile(recorder, memory, parts, column, row);
+    parts.clear();
+    filled = 0;
+  };
+  for (Images images : all)
+    while (images.count > 0) {
+      const uint32_t taken = std::min(images.count, pass_ - filled);
+      parts.push_back({{images.pixels, images.maps, images.first, taken}, filled});
+      images.first += taken;
+      images.count -= taken;
+      filled += taken;
+      if (filled == pass_) pass();
+    }
+  if (filled > 0) pass();
 }
 
-void Encoder::record_light(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
-                           uint32_t first, uint32_t count) const {
+void Encoder::record_light(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts) const {
   const shaders::LevelInfo& image = levels_[0].info;
-  const shaders::MomentsPush m{image.width, image.height, row_pixels_, pixel_words_, first};
-  recorder.dispatch(image_moments_, {&pixels, &memory[moments_]}, m, {1, ICLK_LIGHT_STRIPS, count});
-  recorder.dispatch(image_light_, {&memory[moments_], &memory[light_]}, {count, 1, 1});
+  for (const Part& part : parts) {
+    const shaders::MomentsPush m{image.width, image.height, row_pixels_, pixel_words_, part.first, part.at};
+    recorder.dispatch(image_moments_, {part.pixels, &memory[moments_]}, m, {1, ICLK_LIGHT_STRIPS, part.count});
+  }
+  recorder.dispatch(image_light_, {&memory[moments_], &memory[light_]}, {parts.back().at + parts.back().count, 1, 1});
 }
 
-void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
-                          const engine::Buffer& maps, const Tiling::Span& column, const Tiling::Span& row, uint32_t first,
-                          uint32_t count) const {
+void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts,
+                          const Tiling::Span& column, const Tiling::Span& row) const {
+  const uint32_t count = parts.back().at + parts.back().count;
   size_t place = 0;
   const auto buffer = [&](size_t at) -> const engine::Buffer& { return memory[activations_[at % 2]]; };
   TensorLayout input = levels_[0].steps.front().in;
@@ -140,7 +152,6 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
   n.row_pixels = row_pixels_;
   n.origin = row.origin * row_pixels_ + column.origin;
   n.pixel_stride = pixel_words_;
-  n.first_image = first;
   n.out_offset = input.offset();
   n.out_pitch = input.pitch();
   n.out_image = input.image();
@@ -149,8 +160,12 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
     n.inverse_std[c] = 1 / model_->std[c];
   }
   convolutions_->record_border(recorder, input, buffer(0));
-  recorder.dispatch(normalise_, {&pixels, &buffer(0), &memory[light_]}, n,
-                    {engine::groups_for(n.width, kLanes * ICLK_NORMALISE_PIXELS), n.height, count});
+  for (const Part& part : parts) {
+    n.first_image = part.first;
+    n.at = part.at;
+    recorder.dispatch(normalise_, {part.pixels, &buffer(0), &memory[light_]}, n,
+                      {engine::groups_for(n.width, kLanes * ICLK_NORMALISE_PIXELS), n.height, part.count});
+  }
   for (size_t l = 0; l < levels_.size(); ++l) {
     const Level& level = levels_[l];
     for (ConvStep step : level.steps) {
@@ -163,7 +178,6 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
     shaders::FeatureMapPush p{};
     p.width = in.width;
     p.height = in.height;
-    p.in_offset = in.offset();
     p.in_pitch = in.pitch();
     p.in_plane = in.plane();
     p.in_image = in.image();
@@ -171,24 +185,28 @@ void Encoder::record_pass(engine::Recorder& recorder, const engine::Workspace& m
     p.map_offset = level.info.map_offset + at_level(row.origin) * level.info.pitch + at_level(column.origin);
     p.map_pitch = level.info.pitch;
     p.map_stride = map_stride_;
-    p.first_image = first;
     p.first_u = at_level(column.begin) - at_level(column.origin);
     p.first_v = at_level(row.begin) - at_level(row.origin);
     p.end_u = at_level(column.end) - at_level(column.origin);
     p.end_v = at_level(row.end) - at_level(row.origin);
     p.inverse_channels = 1.0f / static_cast<float>(in.channels);
+    TensorLayout next;
     if (l + 1 < levels_.size()) {
-      TensorLayout next = levels_[l + 1].steps.front().in;
+      next = levels_[l + 1].steps.front().in;
       next.images = count;
       p.halves = 1;
-      p.out_offset = next.offset();
       p.out_pitch = next.pitch();
       p.out_plane = next.plane();
       p.out_image = next.image();
       convolutions_->record_border(recorder, next, buffer(place + 1));
     }
-    recorder.dispatch(feature_map_, {&buffer(place), &maps, &buffer(place + 1)}, p,
-                      {engine::groups_for((p.width + 1) / 2, kLanes), (p.height + 1) / 2, count});
+    for (const Part& part : parts) {
+      p.first_image = part.first;
+      p.in_offset = in.offset() + part.at * in.image();
+      p.out_offset = next.offset() + part.at * next.image();
+      recorder.dispatch(feature_map_, {&buffer(place), part.maps, &buffer(place + 1)}, p,
+                        {engine::groups_for((p.width + 1) / 2, kLanes), (p.height + 1) / 2, part.count});
+    }
     ++place;
   }
 }

@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <span>
 
 #include <iclk/align/internal/tiling.h>
 
@@ -20,9 +21,14 @@ class Encoder {
   /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle);
 
-  /// Precondition: load(). Images first .. first + count - 1 of `pixels` to the maps of the same numbers.
-  void record(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
-              const engine::Buffer& maps, uint32_t first, uint32_t count) const;
+  /// Images first .. first + count - 1 of `pixels`, whose maps have the same numbers.
+  struct Images {
+    const engine::Buffer* pixels;
+    const engine::Buffer* maps;
+    uint32_t first, count;
+  };
+  /// Precondition: load(). Wherever they lie, as many of the images go through together as a pass holds.
+  void record(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Images> all) const;
 
   /// Room for `sources` pairs of buffers (pixels, maps).
   void add_to(engine::ArenaSize& size, uint32_t sources) const;
@@ -36,13 +42,15 @@ class Encoder {
     shaders::LevelInfo info;      // of the image
   };
   bool by_image() const { return model_->normalisation == Normalisation::image; }
-  /// Mean and deviation of some images.
-  void record_light(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels, uint32_t first,
-                    uint32_t count) const;
-  /// One tile of some images.
-  void record_pass(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels,
-                   const engine::Buffer& maps, const Tiling::Span& column, const Tiling::Span& row, uint32_t first,
-                   uint32_t count) const;
+  /// Images of a pass, the first of which is its image `at`.
+  struct Part : Images {
+    uint32_t at;
+  };
+  /// Mean and deviation of the images of a pass.
+  void record_light(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts) const;
+  /// One tile of each image of a pass.
+  void record_tile(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts,
+                   const Tiling::Span& column, const Tiling::Span& row) const;
 
   std::shared_ptr<const Model> model_;
   PixelFormat format_;

@@ -101,17 +101,21 @@ engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& netw
   return size;
 }
 
-void Stages::maps(Recorder& recorder, const Buffer& pixels, const Buffer& to, uint32_t first, uint32_t count) const {
-  if (network.encoder) return network.encoder->record(recorder, memory, pixels, to, first, count);
-  kernels.pyramid.record(recorder, at(ids.levels), pixels, to, first, count);
+void Stages::maps(Recorder& recorder, std::span<const Run> references, uint32_t targets) const {
+  std::vector<Encoder::Images> all;
+  for (const Run& run : references) all.push_back({&at(ids.pixels0), &at(ids.maps0), run.first, run.count});
+  all.push_back({&at(ids.pixels1), &at(ids.maps1), 0, targets});
+  if (network.encoder) return network.encoder->record(recorder, memory, all);
+  for (const auto& [pixels, to, first, count] : all)
+    kernels.pyramid.record(recorder, at(ids.levels), *pixels, *to, first, count);
 }
 
-void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
-  maps(recorder, at(ids.pixels0), at(ids.maps0), first, count);
+void Stages::prepare(Recorder& recorder, const Run& references) const {
+  const auto [first, count] = references;
   recorder.stage("mask");
   const auto max_features = static_cast<uint32_t>(plan.max_features);
   const auto levels_n = static_cast<uint32_t>(layout.levels.size());
-  const auto level_push = [&](uint32_t level) {
+  const auto level_push = [&, first = first](uint32_t level) {
     return shaders::JacobianPush{level, first, max_features, layout.element_stride,
                                  layout.level_stride(static_cast<int>(level))};
   };
@@ -139,8 +143,6 @@ void Stages::prepare(Recorder& recorder, uint32_t first, uint32_t count) const {
                       {groups_for(layout.levels[l].element_count / (plan.dense ? 1 : ICLK_PATCH), sizes.map), n, count});
   }
 }
-
-void Stages::targets(Recorder& recorder, uint32_t count) const { maps(recorder, at(ids.pixels1), at(ids.maps1), 0, count); }
 
 shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags) const {
   shaders::IteratePush p{};

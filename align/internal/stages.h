@@ -50,10 +50,14 @@ struct Stages {
   const DeviceNetwork& network;
   uint32_t features;  // of any reference, at most
 
-  /// Maps (grey pyramid or encoder), mask and Jacobian of the references [first, first + count).
-  void prepare(engine::Recorder& recorder, uint32_t first, uint32_t count) const;
-  /// Maps of the first `count` targets.
-  void targets(engine::Recorder& recorder, uint32_t count) const;
+  /// References [first, first + count).
+  struct Run {
+    uint32_t first, count;
+  };
+  /// Maps (grey pyramid or encoder) of these references and of the first `targets` targets.
+  void maps(engine::Recorder& recorder, std::span<const Run> references, uint32_t targets) const;
+  /// Mask and Jacobian of references that have maps.
+  void prepare(engine::Recorder& recorder, const Run& references) const;
   /// Start search: the poses of the first `pairs` PairInfo are replaced by the best found about them. The starts must have
   /// been packed.
   void search(engine::Recorder& recorder, uint32_t pairs) const;
@@ -78,8 +82,6 @@ struct Stages {
  private:
   void result(engine::Recorder& recorder, uint32_t pairs) const;
   const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
-  void maps(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& to, uint32_t first,
-            uint32_t count) const;
   shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
   void iterate(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const;
   void descend(engine::Recorder& recorder, engine::BufferId candidates, uint32_t count, int finest, int iterations) const;

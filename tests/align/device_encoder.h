@@ -36,8 +36,8 @@ struct DeviceEncoder {
       tuning.variants[shape] = variant;
   }
 
-  /// Maps of all images, in passes of `pass` images.
-  std::vector<float> encode(const std::vector<ImageView>& images, uint32_t pass) const {
+  /// Maps of all images, in passes of `pass` images; the last `last` of them are recorded first, as if they lay elsewhere.
+  std::vector<float> encode(const std::vector<ImageView>& images, uint32_t pass, uint32_t last = 0) const {
     const auto context = device();
     const auto n = static_cast<uint32_t>(images.size());
     engine::MemoryPlan memory_plan;
@@ -58,15 +58,17 @@ struct DeviceEncoder {
     engine::Submission submission(context);
     engine::Recorder recorder(*context, submission.begin(), arena);
     recorder.fill(memory[maps], 0x7fc00000u);  // what is not written is no number
-    encoder.record(recorder, memory, memory[pixels], memory[maps], 0, n);
+    const internal::Encoder::Images all[] = {{&memory[pixels], &memory[maps], n - last, last},
+                                             {&memory[pixels], &memory[maps], 0, n - last}};
+    encoder.record(recorder, memory, all);
     submission.end();
     submission.submit_and_wait();
     return read_back(memory[maps]);
   }
-  std::vector<float> encode(const std::vector<std::vector<uint8_t>>& rgb8, uint32_t pass) const {
+  std::vector<float> encode(const std::vector<std::vector<uint8_t>>& rgb8, uint32_t pass, uint32_t last = 0) const {
     std::vector<ImageView> images;
     for (const auto& image : rgb8) images.push_back({image.data(), plan.width, plan.height, 0, PixelFormat::rgb8});
-    return encode(images, pass);
+    return encode(images, pass, last);
   }
 
  private:

@@ -47,7 +47,8 @@ TEST_P(EncoderDevice, IsThePlainOneInEveryBatch) {
   std::vector<std::vector<uint8_t>> images(3);
   for (auto& image : images)
     for (int i = 0; i < 3 * c.width * c.height; ++i) image.push_back(static_cast<uint8_t>(random()));
-  const auto together = encoder.encode(images, 3), in_two = encoder.encode(images, 2);
+  // Two sources: one that a pass and a half takes, and one beside it.
+  const auto together = encoder.encode(images, 3), in_two = encoder.encode(images, 2), in_parts = encoder.encode(images, 2, 1);
   const bool grey = c.format == PixelFormat::r8 || c.format == PixelFormat::r32f;
   for (size_t i = 0; i < images.size(); ++i) {
     const auto alone = encoder.encode({images[i]}, 1);
@@ -70,6 +71,7 @@ TEST_P(EncoderDevice, IsThePlainOneInEveryBatch) {
               << "image " << i << " level " << l << " at " << u << ", " << v;
           ASSERT_EQ(together[i * encoder.layout.map_stride + at], alone[at]) << "image " << i << " level " << l;
           ASSERT_EQ(in_two[i * encoder.layout.map_stride + at], alone[at]) << "image " << i << " level " << l;
+          ASSERT_EQ(in_parts[i * encoder.layout.map_stride + at], alone[at]) << "image " << i << " level " << l;
         }
     }
   }

@@ -196,8 +196,9 @@ TEST_P(LearnedStages, AgreeWithGolden) {
     *run[run_ids.pairs].as<shaders::PairInfo>() = internal::pack_pair(start, nullptr, 0, 0, true, options);
     engine::Recorder recorder(*context, submission.begin(), arena);
     if (level == levels - 1) {
-      stages.prepare(recorder, 0, 1);
-      stages.targets(recorder, 1);
+      const internal::Stages::Run all{0, 1};
+      stages.maps(recorder, std::span(&all, 1), 1);
+      stages.prepare(recorder, all);
     }
     stages.weights(recorder, level, 1, ICLK_FLAG_GIVEN);
     stages.normal_equations(recorder, level, 1, 0, ICLK_FLAG_GIVEN);
