@@ -25,19 +25,24 @@ warnings.filterwarnings('ignore', message='scatter_reduce')  # "beta" in 1.13
 
 # ----------------------------------------------------------------------------- files
 def read_safetensors(path):
-    """-> (metadata, {name: float32 tensor})"""
-    with open(path, 'rb') as file:
-        size, = struct.unpack('<Q', file.read(8))
-        header = json.loads(file.read(size))
-        data = bytearray(file.read())
-    metadata = header.pop('__metadata__', {})
+    """-> (metadata, {name: float32 tensor}). Ends the program with a message if the file is none."""
     tensors = {}
-    for name, entry in header.items():
-        if entry['dtype'] != 'F32':
-            sys.exit(f'{path}: tensor {name} is {entry["dtype"]}, only F32 is read')
-        begin, end = entry['data_offsets']
-        values = torch.frombuffer(data, dtype=torch.float32, count=(end - begin) // 4, offset=begin)
-        tensors[name] = values.reshape(entry['shape'])
+    try:
+        with open(path, 'rb') as file:
+            size, = struct.unpack('<Q', file.read(8))
+            header = json.loads(file.read(size))
+            data = bytearray(file.read())
+        metadata = header.pop('__metadata__', {})
+        for name, entry in header.items():
+            if entry['dtype'] != 'F32':
+                sys.exit(f'{path}: tensor {name} is {entry["dtype"]}, only F32 is read')
+            begin, end = entry['data_offsets']
+            values = torch.frombuffer(data, dtype=torch.float32, count=(end - begin) // 4, offset=begin)
+            tensors[name] = values.reshape(entry['shape'])
+    except OSError as e:
+        sys.exit(f'{path}: {e.strerror}')
+    except (struct.error, ValueError, KeyError, TypeError, AttributeError, RuntimeError, OverflowError, MemoryError):
+        sys.exit(f'{path}: not a safetensors file, or a damaged one; `iclk model info {path}` says what is wrong')
     return metadata, tensors
 
 

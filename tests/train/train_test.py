@@ -14,13 +14,13 @@ import cv2
 import numpy as np
 import torch
 
-from common import ICLK, lines_of, render, train, train_command, write_recipe
+from common import ICLK, SOURCE, TRAIN, lines_of, render, train, train_command, write_recipe
 
 import losses
 import recipe
 from data import PairSet, make_sample, read_pair
 from network import TrainedNetwork, export
-from reference import Network, align
+from reference import Network, align, read_safetensors
 from run_folder import RunFolder, load_checkpoint
 
 torch.set_num_threads(1)
@@ -312,6 +312,18 @@ class Training(unittest.TestCase):
         os.remove(os.path.join(folder, 'checkpoint.previous.pt'))
         self.assertIn('begin anew', self.refused(*self.arguments, '--out', folder))
         self.assertIn('no checkpoint', self.refused('export', self.folder, '--out', self.file('x.safetensors')))
+
+    def test_a_broken_model_is_named(self):
+        path = self.file('cut.safetensors')
+        shutil.copyfile(os.path.join(SOURCE, 'models', 'sd6dof-small.safetensors'), path)
+        with open(path, 'r+b') as file:
+            file.truncate(os.path.getsize(path) // 2)
+        for broken, why in ((path, 'damaged'), (os.path.join(TRAIN, 'bench.py'), 'not a safetensors file'),
+                            (self.file('none'), 'No such file')):
+            with self.assertRaises(SystemExit) as refusal:
+                read_safetensors(broken)
+            self.assertIn(broken, str(refusal.exception))
+            self.assertIn(why, str(refusal.exception))
 
 
 if __name__ == '__main__':
