@@ -17,6 +17,9 @@ import sys
 import tempfile
 import time
 
+from modules import need
+
+need('torch')
 import torch
 
 from reference import PATCH, Network, align, read_safetensors, write_safetensors

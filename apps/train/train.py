@@ -21,6 +21,8 @@ import ctypes
 import os
 import sys
 
+from modules import need
+
 
 def parser():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -100,6 +102,7 @@ def export_command(args):
 
 def main():
     args = parser().parse_args()
+    need('torch', 'numpy', 'cv2')
     from recipe import InputError
     try:
         if args.command == 'pairs':

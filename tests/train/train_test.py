@@ -5,6 +5,7 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import tempfile
 import time
 import unittest
@@ -312,6 +313,12 @@ class Training(unittest.TestCase):
         os.remove(os.path.join(folder, 'checkpoint.previous.pt'))
         self.assertIn('begin anew', self.refused(*self.arguments, '--out', folder))
         self.assertIn('no checkpoint', self.refused('export', self.folder, '--out', self.file('x.safetensors')))
+
+    def test_a_missing_module_is_named(self):
+        code = f'import sys; sys.path.insert(0, {TRAIN!r}); from modules import need; need("torch", "no_such_module")'
+        done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+        self.assertEqual(done.returncode, 2)
+        self.assertIn('has no module no_such_module. On Debian: apt install', done.stderr)
 
     def test_a_broken_model_is_named(self):
         path = self.file('cut.safetensors')
