@@ -1,33 +1,17 @@
 // 3x3 convolution, bias and ELU with a register tile: an invocation makes eight output channels of ICLK_CONV_ROWS pixels of a
 // column, `dilation` apart. The input has a border of zeros, so that no tap is tested.
-// Groups: (blocks of eight output channels, n, m), n m >= positions / local size.
 #extension GL_GOOGLE_include_directive : require
-#extension GL_EXT_control_flow_attributes : require
-#include "network.h"
-layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0) uniform samplerBuffer activations;
-layout(set = 0, binding = 1) uniform samplerBuffer weights;
-#define OUT_BINDING 2
-#include "activations.glsl"
+#include "conv_column.glsl"
 #ifdef PATCHES
 layout(set = 0, binding = 3, std430) readonly buffer Corners { ivec2 corners[]; };
 #endif
-layout(push_constant) uniform Push { ConvPush push; };
-#include "conv_weights.glsl"
 
 #define R ICLK_CONV_ROWS
 
 void main() {
-  int id = int((gl_WorkGroupID.z * gl_NumWorkGroups.y + gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationIndex);
-  int width = int(push.width), height = int(push.height), dilation = int(push.dilation);
-  int span = R * dilation, row_blocks = (height + span - 1) / span * dilation;
-  int positions = int(push.images) * row_blocks * width;
-  bool live = id < positions;
-  id = min(id, positions - 1);  // no lane leaves: it may have weights that others need
-  int block = id / width, x = id - block * width;
-  int image = block / row_blocks;
-  block -= image * row_blocks;
-  int y = (block / dilation) * span + block % dilation;
+  Column column = column_of(R);
+  int image = column.image, x = column.x, y = column.y;
+  int height = int(push.height), dilation = int(push.dilation);
 
   int pitch = int(push.in_pitch), step = dilation * pitch;
   int at = int(push.in_offset) + image * int(push.in_image) + y * pitch + x;
@@ -59,11 +43,11 @@ void main() {
     at += int(push.in_plane);
     w += 72;
   } while (++c < push.in_planes);
-  if (!live) return;
+  if (!column.live) return;
   int out_at = int(push.out_offset) + image * int(push.out_image) + x;
 #ifdef PATCHES
   ivec2 first = corners[image] - int(push.margin) + ivec2(x, 0);
-  bool column = first.x >= 0 && first.x < int(push.level_width);
+  bool in_level = first.x >= 0 && first.x < int(push.level_width);
 #endif
   [[unroll]] for (int h = 0; h < 2; ++h) {
     uint plane = 2u * gl_WorkGroupID.x + uint(h);
@@ -73,7 +57,7 @@ void main() {
       int v = y + r * dilation;
       vec4 value = elu(acc[r][h] + bias);
 #ifdef PATCHES
-      if (!column || first.y + v < 0 || first.y + v >= int(push.level_height)) value = vec4(0.0);
+      if (!in_level || first.y + v < 0 || first.y + v >= int(push.level_height)) value = vec4(0.0);
 #endif
       if (v < height) put(uint(out_at + int(plane * push.out_plane) + v * int(push.out_pitch)), value);
     }

@@ -1,33 +1,17 @@
 // 3x3 convolution, bias and ELU by Winograd F(4, 3) along columns: half the products of conv_direct.glsl, and as there nothing
 // between input and output goes through memory. An invocation makes eight output channels of ICLK_COLUMN_TILES tiles of four
 // pixels of a column, `dilation` apart. The input has a border of zeros, so that no tap is tested.
-// Groups: (blocks of eight output channels, n, m), n m >= positions / local size.
 #extension GL_GOOGLE_include_directive : require
-#extension GL_EXT_control_flow_attributes : require
-#include "network.h"
-layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0) uniform samplerBuffer activations;
-layout(set = 0, binding = 1) uniform samplerBuffer weights;
-#define OUT_BINDING 2
-#include "activations.glsl"
-layout(push_constant) uniform Push { ConvPush push; };
-#include "conv_weights.glsl"
+#include "conv_column.glsl"
 #include "winograd_points.glsl"
 
 #define T ICLK_COLUMN_TILES
 #define R (4 * T)
 
 void main() {
-  int id = int((gl_WorkGroupID.z * gl_NumWorkGroups.y + gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationIndex);
-  int width = int(push.width), height = int(push.height), dilation = int(push.dilation);
-  int span = R * dilation, row_blocks = (height + span - 1) / span * dilation;
-  int positions = int(push.images) * row_blocks * width;
-  bool live = id < positions;
-  id = min(id, positions - 1);  // no lane leaves: it may have weights that others need
-  int block = id / width, x = id - block * width;
-  int image = block / row_blocks;
-  block -= image * row_blocks;
-  int y = (block / dilation) * span + block % dilation;
+  Column column = column_of(R);
+  int image = column.image, x = column.x, y = column.y;
+  int height = int(push.height), dilation = int(push.dilation);
 
   // Every row counts for all rows of its tile, if only by what rounding leaves of it: those below the border are the border's.
   int rows[R + 2];
@@ -62,7 +46,7 @@ void main() {
     } while (++kx < 3);
     at += int(push.in_plane);
   } while (++c < push.in_planes);
-  if (!live) return;
+  if (!column.live) return;
   int out_at = int(push.out_offset) + image * int(push.out_image) + x;
   [[unroll]] for (int h = 0; h < 2; ++h) {
     uint plane = 2u * gl_WorkGroupID.x + uint(h);
