@@ -18,7 +18,7 @@ namespace {
 
 constexpr std::string_view kHeader = "iclk-tuning 2";
 constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
-                                     ConvVariant::winograd4x1};
+                                     ConvVariant::winograd6, ConvVariant::winograd4x1};
 
 std::optional<ConvVariant> variant_of(std::string_view word) {
   for (ConvVariant variant : kVariants)
@@ -64,13 +64,15 @@ class Trial {
       steps.push_back(step);
     }
     engine::MemoryPlan plan;
-    const auto add = [&](const char* what, uint64_t texels, Precision precision = Precision::fp32) {
-      return plan.add(what, internal::texel_bytes(precision) * texels, engine::MemoryKind::device,
-                      engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(precision));
+    const auto add = [&](const char* what, uint64_t texels, engine::BufferUse use, Precision precision = Precision::fp32) {
+      return plan.add(what, internal::texel_bytes(precision) * texels, engine::MemoryKind::device, use,
+                      internal::texel_format(precision));
     };
-    const auto x = add("tuning: input", step.in.texels(), shape.precision),
-               y = add("tuning: output", step.out.texels(), shape.precision),
-               w = add("tuning: weights", packed.data().size() / 4), scratch = add("tuning: tiles", tiles);
+    using Kernels = internal::ConvKernels;
+    const auto x = add("tuning: input", step.in.texels(), Kernels::kActivations, shape.precision),
+               y = add("tuning: output", step.out.texels(), Kernels::kActivations, shape.precision),
+               w = add("tuning: weights", packed.data().size() / 4, Kernels::kWeights),
+               scratch = add("tuning: tiles", tiles, Kernels::kScratch);
     memory_.emplace(context, plan);
     internal::write_buffer(context, (*memory_)[w], packed.data());
     engine::ArenaSize size;
@@ -115,7 +117,7 @@ class Trial {
 }  // namespace
 
 const char* name(ConvVariant variant) {
-  constexpr const char* names[] = {"direct", "winograd2", "winograd4", "winograd4x1"};
+  constexpr const char* names[] = {"direct", "winograd2", "winograd4", "winograd6", "winograd4x1"};
   return names[static_cast<int>(variant)];
 }
 

@@ -12,9 +12,10 @@ void ArenaSize::add(const Kernel& kernel, uint32_t count) {
   sets += count;
   for (BindingKind kind : kernel.bindings()) {
     const VkDescriptorType type = descriptor_type(kind);
-    (type == VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER ? texel
-     : type == VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER     ? uniform
-                                                     : storage) += count;
+    (type == VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER   ? texel
+     : type == VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER ? image
+     : type == VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER       ? uniform
+                                                       : storage) += count;
   }
 }
 
@@ -23,6 +24,7 @@ DescriptorArena::DescriptorArena(std::shared_ptr<const Context> context, const A
   std::vector<VkDescriptorPoolSize> sizes;
   if (size.storage) sizes.push_back({VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, size.storage});
   if (size.texel) sizes.push_back({VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER, size.texel});
+  if (size.image) sizes.push_back({VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER, size.image});
   if (size.uniform) sizes.push_back({VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER, size.uniform});
   if (sizes.empty()) sizes.push_back({VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1});
   VkDescriptorPoolCreateInfo info{VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO};
@@ -47,9 +49,9 @@ VkDescriptorSet DescriptorArena::set(const Kernel& kernel, std::span<const Buffe
   for (size_t i = 0; i < kinds.size(); ++i) {
     const Buffer* buffer = buffers[i];
     if (!buffer || !buffer->handle) reject(ErrorCode::invalid_argument, "binding " + std::to_string(i) + " is a null buffer");
-    const bool texel = kinds[i] == BindingKind::texel_read;
+    const bool texel = kinds[i] == BindingKind::texel_read || kinds[i] == BindingKind::image_read;
     if (texel && !buffer->view)
-      reject(ErrorCode::invalid_argument, "binding " + std::to_string(i) + " is texel_read, but its buffer has no texel view");
+      reject(ErrorCode::invalid_argument, "binding " + std::to_string(i) + " reads texels, but its buffer has no texel view");
     const uint64_t limit =
         kinds[i] == BindingKind::uniform ? context_->limits().maxUniformBufferRange : context_->limits().maxStorageBufferRange;
     if (!texel && buffer->size > limit)
@@ -61,10 +63,12 @@ VkDescriptorSet DescriptorArena::set(const Kernel& kernel, std::span<const Buffe
 
   ArenaSize used = used_;
   used.add(kernel);
-  if (used.sets > size_.sets || used.storage > size_.storage || used.texel > size_.texel || used.uniform > size_.uniform)
+  if (used.sets > size_.sets || used.storage > size_.storage || used.texel > size_.texel || used.uniform > size_.uniform ||
+      used.image > size_.image)
     reject(ErrorCode::invalid_argument, "the descriptor arena of " + std::to_string(size_.sets) + " sets, " +
                                             std::to_string(size_.storage) + " storage, " + std::to_string(size_.texel) +
-                                            " texel, " + std::to_string(size_.uniform) + " uniform is full; make it larger");
+                                            " texel, " + std::to_string(size_.uniform) + " uniform, " +
+                                            std::to_string(size_.image) + " image is full; make it larger");
   const VkDescriptorSetLayout layout = kernel.set_layout();
   const VkDescriptorSetAllocateInfo allocate{VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO, nullptr, pool_, 1, &layout};
   VkDescriptorSet set = VK_NULL_HANDLE;

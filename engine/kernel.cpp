@@ -30,6 +30,8 @@ void check_description(const Context& context, const KernelDescription& d) {
           limits.maxPerStageDescriptorUniformBuffers);
   at_most("maxPerStageDescriptorSampledImages", count(VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER),
           limits.maxPerStageDescriptorSampledImages);
+  at_most("maxPerStageDescriptorStorageImages", count(VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER),
+          limits.maxPerStageDescriptorStorageImages);
   at_most("maxPerStageResources", d.bindings.size(), limits.maxPerStageResources);
 }
 
@@ -38,6 +40,7 @@ void check_description(const Context& context, const KernelDescription& d) {
 VkDescriptorType descriptor_type(BindingKind kind) {
   switch (kind) {
     case BindingKind::texel_read: return VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER;
+    case BindingKind::image_read: return VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER;
     case BindingKind::uniform: return VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER;
     default: return VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
   }

@@ -14,6 +14,7 @@ enum class BindingKind : uint8_t {
   storage_write,       ///< writeonly buffer
   storage_read_write,  ///< buffer
   texel_read,          ///< (u)samplerBuffer / textureBuffer: a uniform texel buffer
+  image_read,          ///< readonly imageBuffer: a storage texel buffer
   uniform,             ///< uniform block
 };
 

@@ -24,12 +24,15 @@ void check_limits(const Context& context, const BufferDescription& buffer) {
     reject(limits.maxStorageBufferRange, "maxStorageBufferRange", bytes_in_words(bytes));
   if (has(buffer.use, BufferUse::uniform) && bytes > limits.maxUniformBufferRange)
     reject(limits.maxUniformBufferRange, "maxUniformBufferRange", bytes_in_words(bytes));
-  if (!has(buffer.use, BufferUse::texel)) return;
+  if (!has(buffer.use, BufferUse::texel | BufferUse::image)) return;
   if (const VkDeviceSize texels = bytes / texel_bytes(buffer.texel_format); texels > limits.maxTexelBufferElements)
     reject(limits.maxTexelBufferElements, "maxTexelBufferElements", std::to_string(texels) + " texels");
   VkFormatProperties format;
   context.instance_functions().GetPhysicalDeviceFormatProperties(context.physical_device(), buffer.texel_format, &format);
-  if (!(format.bufferFeatures & VK_FORMAT_FEATURE_UNIFORM_TEXEL_BUFFER_BIT))
+  VkFormatFeatureFlags needed = 0;
+  if (has(buffer.use, BufferUse::texel)) needed |= VK_FORMAT_FEATURE_UNIFORM_TEXEL_BUFFER_BIT;
+  if (has(buffer.use, BufferUse::image)) needed |= VK_FORMAT_FEATURE_STORAGE_TEXEL_BUFFER_BIT;
+  if ((format.bufferFeatures & needed) != needed)
     throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "': " + context.info().name +
                                             " has no texel buffers of VkFormat " + std::to_string(buffer.texel_format));
 }
@@ -45,6 +48,7 @@ VkBuffer create_buffer(const Context& context, const BufferDescription& buffer) 
   info.usage = VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
   if (has(buffer.use, BufferUse::storage)) info.usage |= VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
   if (has(buffer.use, BufferUse::texel)) info.usage |= VK_BUFFER_USAGE_UNIFORM_TEXEL_BUFFER_BIT;
+  if (has(buffer.use, BufferUse::image)) info.usage |= VK_BUFFER_USAGE_STORAGE_TEXEL_BUFFER_BIT;
   if (has(buffer.use, BufferUse::uniform)) info.usage |= VK_BUFFER_USAGE_UNIFORM_BUFFER_BIT;
   info.sharingMode = VK_SHARING_MODE_EXCLUSIVE;
   VkBuffer handle = VK_NULL_HANDLE;
@@ -77,7 +81,7 @@ const char* name(MemoryKind kind) {
 
 BufferId MemoryPlan::add(BufferDescription description) {
   if (description.bytes == 0) throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "' has 0 bytes");
-  if (has(description.use, BufferUse::texel) && texel_bytes(description.texel_format) == 0)
+  if (has(description.use, BufferUse::texel | BufferUse::image) && texel_bytes(description.texel_format) == 0)
     throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "': VkFormat " +
                                                  std::to_string(description.texel_format) +
                                                  " is no format for a texel buffer here");
@@ -133,7 +137,7 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
       check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory",
             description.name);
       if (mapped[place.chunk]) buffer.mapped = mapped[place.chunk] + place.offset;
-      if (!has(description.use, BufferUse::texel)) continue;
+      if (!has(description.use, BufferUse::texel | BufferUse::image)) continue;
       const VkBufferViewCreateInfo view{
           VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle, description.texel_format, 0, VK_WHOLE_SIZE};
       check(vk.CreateBufferView(device, &view, nullptr, &buffer.view), "vkCreateBufferView", description.name);

@@ -16,7 +16,7 @@ enum class MemoryKind : uint32_t {
 const char* name(MemoryKind kind);
 
 /// What kernels do with a buffer. Every buffer can be the source and the destination of copies and fills besides.
-enum class BufferUse : uint32_t { transfer = 0, storage = 1, texel = 2, uniform = 4 };
+enum class BufferUse : uint32_t { transfer = 0, storage = 1, texel = 2, uniform = 4, image = 8 };
 constexpr BufferUse operator|(BufferUse a, BufferUse b) { return static_cast<BufferUse>(uint32_t(a) | uint32_t(b)); }
 constexpr bool has(BufferUse uses, BufferUse one) { return (uint32_t(uses) & uint32_t(one)) != 0; }
 
@@ -25,8 +25,8 @@ struct BufferDescription {
   VkDeviceSize bytes = 0;  ///< > 0; rounded up to a multiple of 16
   MemoryKind kind = MemoryKind::device;
   BufferUse use = BufferUse::storage;
-  /// With BufferUse::texel: the format in which texel_read bindings see the whole buffer. R32_SFLOAT, R32G32B32A32_SFLOAT,
-  /// R8_UNORM, R8G8B8A8_UNORM, B8G8R8A8_UNORM and R32_UINT exist on every device.
+  /// With BufferUse::texel or image: the format in which texel_read and image_read bindings see the whole buffer. R32_SFLOAT,
+  /// R32G32B32A32_SFLOAT, R8G8B8A8_UNORM and R32_UINT exist on every device; R8_UNORM and B8G8R8A8_UNORM do as texel.
   VkFormat texel_format = VK_FORMAT_UNDEFINED;
 };
 

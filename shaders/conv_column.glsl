@@ -6,6 +6,7 @@
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0) uniform samplerBuffer activations;
 layout(set = 0, binding = 1) uniform samplerBuffer weights;
+#define FETCH texelFetch
 #define OUT_BINDING 2
 #include "activations.glsl"
 layout(push_constant) uniform Push { ConvPush push; };

@@ -16,13 +16,18 @@ using uint = uint32_t;
 #define ICLK_CONV_ROWS 4
 // Tiles of four rows that an invocation of winograd4x1 makes.
 #define ICLK_COLUMN_TILES 2
-// Tiles that an invocation of winograd_product makes.
+// Tiles that an invocation of winograd_product makes, and of that with tiles of 6x6.
 #define ICLK_WINOGRAD_TILES 4
+#define ICLK_WINOGRAD6_TILES 4
 
 // F(4x4, 3x3) interpolates at 0, +-A, +-B and infinity. With 1 and 2, which most use, rounding errors
 // are three to eight times as large; with these they are below twice those of the direct convolution.
 #define ICLK_WINOGRAD_A 0.70710678
 #define ICLK_WINOGRAD_B 1.41421356
+// F(6x6, 3x3) at 0, +-A, +-B, +-C and infinity.
+#define ICLK_WINOGRAD6_A 0.5
+#define ICLK_WINOGRAD6_B 1.0
+#define ICLK_WINOGRAD6_C 2.0
 
 // Pixels of a row that an invocation of normalise.comp takes: what it reads once costs lavapipe more than a pixel does.
 #define ICLK_NORMALISE_PIXELS 4

@@ -15,11 +15,14 @@ layout(push_constant) uniform Push { WinogradPush push; };
 #if N == 4
 #include "winograd_points.glsl"
 #define TRANSFORM(m, I) transform(m I(0), m I(1), m I(2), m I(3), m I(4), m I(5));
+#elif N == 6
+#include "winograd6_points.glsl"
+#define TRANSFORM(m, I) transform(m I(0), m I(1), m I(2), m I(3), m I(4), m I(5), m I(6), m I(7));
 #else
 void transform(inout vec4 a, inout vec4 b, inout vec4 c, inout vec4 d) {
   vec4 p = b + c;
-  a -= c;
-  d = b - d;
+  a = c - a;
+  d -= b;
   c -= b;
   b = p;
 }

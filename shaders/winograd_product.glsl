@@ -1,12 +1,13 @@
 // Winograd F(N x N, 3 x 3), second part: products over the input channels for each of the (N + 2)^2 positions, summed into
-// A^T m A on the way, bias and ELU. An invocation makes eight output channels of ICLK_WINOGRAD_TILES tiles.
-// Groups: (blocks of eight output channels, ceil(tiles / ICLK_WINOGRAD_TILES / local size), 1).
+// A^T m A on the way, bias and ELU. An invocation makes eight output channels of T tiles.
+// Groups: (blocks of eight output channels, ceil(tiles / T / local size), 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "network.h"
 layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0) uniform samplerBuffer transformed;
-layout(set = 0, binding = 1) uniform samplerBuffer weights;
+layout(set = 0, binding = 0, rgba32f) readonly uniform imageBuffer transformed;
+layout(set = 0, binding = 1, rgba32f) readonly uniform imageBuffer weights;
+#define FETCH imageLoad
 #define OUT_BINDING 2
 #include "activations.glsl"
 layout(push_constant) uniform Push { WinogradPush push; };
@@ -14,18 +15,28 @@ layout(push_constant) uniform Push { WinogradPush push; };
 #include "winograd_tile.glsl"
 
 #define M (N + 2)
-#define T ICLK_WINOGRAD_TILES
-
-// Column i of A^T: powers of the points 0, A, -A, B, -B and infinity; of F(2 x 2): 0, 1, -1 and infinity.
-vec4 powers(int i) {
-#if N == 4
-  const float A = ICLK_WINOGRAD_A, B = ICLK_WINOGRAD_B;
-  float x = i == 1 ? A : i == 2 ? -A : i == 3 ? B : i == 4 ? -B : 0.0;
-  return i == 5 ? vec4(0.0, 0.0, 0.0, 1.0) : vec4(1.0, x, x * x, x * x * x);
+#if N == 6
+#define T ICLK_WINOGRAD6_TILES
 #else
-  float x = i == 1 ? 1.0 : i == 2 ? -1.0 : 0.0;
-  return i == 3 ? vec4(0.0, -1.0, 0.0, 0.0) : vec4(1.0, x, 0.0, 0.0);
+#define T ICLK_WINOGRAD_TILES
 #endif
+
+// The points at which polynomials are multiplied, between 0 and infinity: pairs of a sign each.
+#if N == 6
+const float POINTS[3] = float[3](ICLK_WINOGRAD6_A, ICLK_WINOGRAD6_B, ICLK_WINOGRAD6_C);
+#elif N == 4
+const float POINTS[2] = float[2](ICLK_WINOGRAD_A, ICLK_WINOGRAD_B);
+#else
+const float POINTS[1] = float[1](1.0);
+#endif
+
+// Column i of A^T: powers of a point.
+void powers(int i, out float p[N]) {
+  float x = 0.0;
+  [[unroll]] for (int k = 0; k < N / 2; ++k) x = i == 2 * k + 1 ? POINTS[k] : i == 2 * k + 2 ? -POINTS[k] : x;
+  p[0] = i == M - 1 ? 0.0 : 1.0;
+  [[unroll]] for (int k = 1; k < N; ++k) p[k] = p[k - 1] * x;
+  if (i == M - 1) p[N - 1] = 1.0;
 }
 
 // Sums over the input channels at the position whose transformed tiles begin at `at` and whose weights at `w`; moves both to
@@ -38,7 +49,7 @@ void product(int lanes, inout int at, inout int w, out vec4 acc[T][2]) {
     vec4 v[2][T], lo[2][4], hi[2][4];
     [[unroll]] for (int u = 0; u < 2; ++u) {
       LOAD_WEIGHTS(own, w)
-      [[unroll]] for (int t = 0; t < T; ++t) v[u][t] = texelFetch(transformed, at + t * lanes);
+      [[unroll]] for (int t = 0; t < T; ++t) v[u][t] = imageLoad(transformed, at + t * lanes);
       [[unroll]] for (int q = 0; q < 4; ++q) {
         lo[u][q] = WEIGHT(own, w, 2 * q);
         hi[u][q] = WEIGHT(own, w, 2 * q + 1);
@@ -61,13 +72,12 @@ void product(int lanes, inout int at, inout int w, out vec4 acc[T][2]) {
 void add_pair(float x, vec4 plus[T][2], vec4 minus[T][2], inout vec4 row[N][T][2]) {
   [[unroll]] for (int t = 0; t < T; ++t)
     [[unroll]] for (int h = 0; h < 2; ++h) {
-      vec4 even = plus[t][h] + minus[t][h], odd = x * (plus[t][h] - minus[t][h]);
-      row[0][t][h] += even;
-      row[1][t][h] += odd;
-#if N == 4
-      row[2][t][h] += (x * x) * even;
-      row[3][t][h] += (x * x) * odd;
-#endif
+      vec4 even = plus[t][h] + minus[t][h], odd = plus[t][h] - minus[t][h];
+      float power = 1.0;
+      [[unroll]] for (int k = 0; k < N; ++k) {
+        row[k][t][h] += power * (k % 2 == 0 ? even : odd);
+        power *= x;
+      }
     }
 }
 
@@ -86,23 +96,23 @@ void main() {
     product(lanes, at, w, row[0]);
     [[unroll]] for (int b = 1; b < N; ++b)
       [[unroll]] for (int t = 0; t < T; ++t) row[b][t][0] = row[b][t][1] = vec4(0.0);
-    product(lanes, at, w, m);
-    product(lanes, at, w, n);
-#if N == 4
-    add_pair(ICLK_WINOGRAD_A, m, n, row);
-    product(lanes, at, w, m);
-    product(lanes, at, w, n);
-    add_pair(ICLK_WINOGRAD_B, m, n, row);
-    product(lanes, at, w, m);
-    [[unroll]] for (int t = 0; t < T; ++t)
-      [[unroll]] for (int h = 0; h < 2; ++h) row[3][t][h] += m[t][h];
-#else
-    add_pair(1.0, m, n, row);
-    product(lanes, at, w, m);
-    [[unroll]] for (int t = 0; t < T; ++t)
-      [[unroll]] for (int h = 0; h < 2; ++h) row[1][t][h] -= m[t][h];
+    // Written out: Mesa does not unroll a loop around another.
+#define PAIR(k) \
+  product(lanes, at, w, m); \
+  product(lanes, at, w, n); \
+  add_pair(POINTS[k], m, n, row);
+    PAIR(0)
+#if N >= 4
+    PAIR(1)
 #endif
-    vec4 p = powers(i);
+#if N == 6
+    PAIR(2)
+#endif
+    product(lanes, at, w, m);
+    [[unroll]] for (int t = 0; t < T; ++t)
+      [[unroll]] for (int h = 0; h < 2; ++h) row[N - 1][t][h] += m[t][h];
+    float p[N];
+    powers(i, p);
     [[unroll]] for (int a = 0; a < N; ++a)
       [[unroll]] for (int b = 0; b < N; ++b)
         [[unroll]] for (int t = 0; t < T; ++t) {
@@ -124,7 +134,7 @@ void main() {
     [[unroll]] for (int h = 0; h < 2; ++h) {
       uint plane = 2u * gl_WorkGroupID.x + uint(h);
       bool exists = live && plane < out_planes;
-      vec4 bias = texelFetch(weights, int(bias_at + min(plane, out_planes - 1u)));
+      vec4 bias = imageLoad(weights, int(bias_at + min(plane, out_planes - 1u)));
       [[unroll]] for (int a = 0; a < N; ++a) {
         bool row = exists && tile.y + a * dilation < height;
         [[unroll]] for (int b = 0; b < N; ++b) {

@@ -17,6 +17,9 @@
 #include "winograd4_product_plain.comp.spv.h"
 #include "winograd4x1.comp.spv.h"
 #include "winograd4x1_plain.comp.spv.h"
+#include "winograd6_input.comp.spv.h"
+#include "winograd6_product.comp.spv.h"
+#include "winograd6_product_plain.comp.spv.h"
 
 namespace iclk::internal {
 namespace {
@@ -27,8 +30,14 @@ constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
 constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
 
 // Of whole tiles, which are transformed in a dispatch of their own.
-bool in_two_parts(ConvVariant variant) { return variant == ConvVariant::winograd2 || variant == ConvVariant::winograd4; }
-uint32_t tile_size(ConvVariant variant) { return variant == ConvVariant::winograd4 ? 4 : 2; }
+bool in_two_parts(ConvVariant variant) { return variant != ConvVariant::direct && variant != ConvVariant::winograd4x1; }
+uint32_t tile_size(ConvVariant variant) {
+  return variant == ConvVariant::winograd6 ? 6 : variant == ConvVariant::winograd4 ? 4 : 2;
+}
+// That a workgroup of the products takes.
+uint32_t group_tiles(ConvVariant variant, uint32_t lanes) {
+  return lanes * (variant == ConvVariant::winograd6 ? ICLK_WINOGRAD6_TILES : ICLK_WINOGRAD_TILES);
+}
 uint32_t positions(ConvVariant variant) {
   if (variant == ConvVariant::direct) return 9;
   if (variant == ConvVariant::winograd4x1) return 18;
@@ -42,17 +51,37 @@ uint32_t weight_planes(const ConvLayer& layer, ConvVariant variant) {
   return in_two_parts(variant) ? (planes + 1) / 2 * 2 : planes;
 }
 
-// G of Lavin and Gray, "Fast algorithms for convolutional neural networks".
-constexpr double kG2[4][3] = {{1, 0, 0}, {0.5, 0.5, 0.5}, {0.5, -0.5, 0.5}, {0, 0, 1}};
-constexpr double kA = ICLK_WINOGRAD_A, kB = ICLK_WINOGRAD_B, kA2 = kA * kA, kB2 = kB * kB;
-constexpr double kNa = 2 * kA2 * (kA2 - kB2), kNb = 2 * kB2 * (kB2 - kA2);
-constexpr double kG4[6][3] = {{1 / (kA2 * kB2), 0, 0},        {1 / kNa, kA / kNa, kA2 / kNa},  {1 / kNa, -kA / kNa, kA2 / kNa},
-                              {1 / kNb, kB / kNb, kB2 / kNb}, {1 / kNb, -kB / kNb, kB2 / kNb}, {0, 0, 1}};
+// The points at which Winograd's polynomials are multiplied, besides 0 and infinity: pairs of a sign each.
+std::vector<double> point_pairs(ConvVariant variant) {
+  switch (variant) {
+    case ConvVariant::winograd2: return {1};
+    case ConvVariant::winograd6: return {ICLK_WINOGRAD6_A, ICLK_WINOGRAD6_B, ICLK_WINOGRAD6_C};
+    default: return {ICLK_WINOGRAD_A, ICLK_WINOGRAD_B};
+  }
+}
+
+// G of Lavin and Gray, "Fast algorithms for convolutional neural networks": 1, x, x^2 of each point over its differences to the
+// other points, so that the shaders' B^T has no divisions.
+using Matrix = std::vector<std::array<double, 3>>;
+Matrix kernel_transform(ConvVariant variant) {
+  std::vector<double> points{0};
+  for (double x : point_pairs(variant)) points.insert(points.end(), {x, -x});
+  Matrix G;
+  for (double x : points) {
+    double f = 1;
+    for (double y : points)
+      if (y != x) f *= x - y;
+    G.push_back({1 / f, x / f, x * x / f});
+  }
+  G.push_back({0, 0, 1});  // infinity
+  return G;
+}
 
 // The weights of one pair of channels, as many as positions(): columns of the kernel first for `direct`, each times G for
 // `winograd4x1`, else G g G^T.
-std::array<float, 36> transformed(const float* g, ConvVariant variant) {
-  std::array<float, 36> out{};
+std::array<float, 64> transformed(const float* g, ConvVariant variant, const Matrix& G) {
+  std::array<float, 64> out{};
+  const size_t m = G.size();
   if (variant == ConvVariant::direct) {
     for (size_t ky = 0; ky < 3; ++ky)
       for (size_t kx = 0; kx < 3; ++kx) out[3 * kx + ky] = g[3 * ky + kx];
@@ -60,15 +89,13 @@ std::array<float, 36> transformed(const float* g, ConvVariant variant) {
   }
   if (variant == ConvVariant::winograd4x1) {
     for (size_t kx = 0; kx < 3; ++kx)
-      for (size_t i = 0; i < 6; ++i) {
+      for (size_t i = 0; i < m; ++i) {
         double sum = 0;
-        for (size_t ky = 0; ky < 3; ++ky) sum += kG4[i][ky] * static_cast<double>(g[3 * ky + kx]);
-        out[6 * kx + i] = static_cast<float>(sum);
+        for (size_t ky = 0; ky < 3; ++ky) sum += G[i][ky] * static_cast<double>(g[3 * ky + kx]);
+        out[m * kx + i] = static_cast<float>(sum);
       }
     return out;
   }
-  const size_t m = tile_size(variant) + 2;
-  const auto* G = variant == ConvVariant::winograd4 ? kG4 : kG2;
   for (size_t i = 0; i < m; ++i)
     for (size_t j = 0; j < m; ++j) {
       double sum = 0;
@@ -111,9 +138,10 @@ PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
   const size_t first = data_.size();
   data_.resize(first + 4 * packed_texels(layer, variant), 0.0f);
   float* to = data_.data() + first;
+  const Matrix G = kernel_transform(variant);
   for (size_t o = 0; o < out; ++o)
     for (size_t i = 0; i < in; ++i) {
-      const auto values = transformed(&layer.weight[(o * in + i) * 9], variant);
+      const auto values = transformed(&layer.weight[(o * in + i) * 9], variant, G);
       const size_t half = o % kBlock / 4;
       for (size_t p = 0; p < n; ++p) {
         // The products of tiles walk through the planes at each position, the others through the positions of each plane.
@@ -137,28 +165,26 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   const uint32_t half = precision == Precision::fp16;
   const auto uses = [&](ConvVariant variant) { return std::find(used.begin(), used.end(), variant) != used.end(); };
   border_ = {context, {"encode", conv_border_comp_spv, {storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}}};
-  const auto convolution = [&](std::span<const uint32_t> spirv, uint32_t bytes, uint32_t lanes) {
-    return engine::Kernel(context, {"encode", spirv, {texel_read, texel_read, storage_write}, bytes, {lanes, half}});
+  const auto columns = [&](std::span<const uint32_t> spirv) {
+    return engine::Kernel(
+        context, {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), {direct_lanes_, half}});
   };
-  const auto input = [&](std::span<const uint32_t> spirv) {
-    return engine::Kernel(context,
-                          {"encode", spirv, {texel_read, storage_write}, sizeof(shaders::WinogradPush), {kInputLanes}});
+  const auto winograd = [&](std::span<const uint32_t> input, std::span<const uint32_t> product) {
+    constexpr uint32_t bytes = sizeof(shaders::WinogradPush);
+    return Winograd{{context, {"encode", input, {texel_read, storage_write}, bytes, {kInputLanes}}},
+                    {context, {"encode", product, {image_read, image_read, storage_write}, bytes, {product_lanes_, half}}}};
   };
   const auto choose = [&](std::span<const uint32_t> shared, std::span<const uint32_t> plain) {
     return shuffle ? shared : plain;
   };
-  if (uses(ConvVariant::direct))
-    direct_ = convolution(choose(conv_direct_comp_spv, conv_direct_plain_comp_spv), sizeof(shaders::ConvPush), direct_lanes_);
-  if (uses(ConvVariant::winograd4x1))
-    column_ = convolution(choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv), sizeof(shaders::ConvPush), direct_lanes_);
+  if (uses(ConvVariant::direct)) direct_ = columns(choose(conv_direct_comp_spv, conv_direct_plain_comp_spv));
+  if (uses(ConvVariant::winograd4x1)) column_ = columns(choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
   if (uses(ConvVariant::winograd2))
-    winograd2_ = {input(winograd2_input_comp_spv),
-                  convolution(choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv),
-                              sizeof(shaders::WinogradPush), product_lanes_)};
+    winograd2_ = winograd(winograd2_input_comp_spv, choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv));
   if (uses(ConvVariant::winograd4))
-    winograd4_ = {input(winograd4_input_comp_spv),
-                  convolution(choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
-                              sizeof(shaders::WinogradPush), product_lanes_)};
+    winograd4_ = winograd(winograd4_input_comp_spv, choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv));
+  if (uses(ConvVariant::winograd6))
+    winograd6_ = winograd(winograd6_input_comp_spv, choose(winograd6_product_comp_spv, winograd6_product_plain_comp_spv));
 }
 
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context& context) {
@@ -172,19 +198,20 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
   if (!in_two_parts(step.variant)) return 0;
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes();
-  const uint64_t group = ICLK_WINOGRAD_TILES * product_lanes(type);
+  const uint64_t group = group_tiles(step.variant, product_lanes(type));
   const uint64_t wanted = (Tiles(step).all + group - 1) / group * group;
   return tile * std::clamp(most / tile / group * group, group, wanted);
 }
 
 void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
                          const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
-  record_border(recorder, step.out, out);
   if (!in_two_parts(step.variant)) return record_columns(recorder, step, in, weights, out);
-  const Winograd& kernels = step.variant == ConvVariant::winograd4 ? winograd4_ : winograd2_;
+  const Winograd& kernels = step.variant == ConvVariant::winograd6   ? winograd6_
+                            : step.variant == ConvVariant::winograd4 ? winograd4_
+                                                                     : winograd2_;
   const Tiles tiles(step);
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes(),
-                 group = static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * product_lanes_;
+                 group = group_tiles(step.variant, product_lanes_);
   // Small enough for a CPU's cache, and a multiple of what a workgroup takes.
   const uint64_t strip = std::min(scratch.size / 16 / tile, (tiles.all + group - 1)) / group * group;
   shaders::WinogradPush push{};
@@ -255,7 +282,7 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
   size.add(border_, 2);
   if (direct_) size.add(direct_, 2);
   if (column_) size.add(column_, 2);
-  for (const Winograd* w : {&winograd2_, &winograd4_}) {
+  for (const Winograd* w : {&winograd2_, &winograd4_, &winograd6_}) {
     if (!w->input) continue;
     size.add(w->input, 2);
     size.add(w->product, 2);
@@ -267,7 +294,8 @@ uint64_t conv_shader_hash() {
   const std::span<const uint32_t> all[] = {
       conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd2_input_comp_spv,
       winograd2_product_comp_spv, winograd2_product_plain_comp_spv, winograd4_input_comp_spv,
-      winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,
+      winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd6_input_comp_spv,
+      winograd6_product_comp_spv, winograd6_product_plain_comp_spv, winograd4x1_comp_spv,
       winograd4x1_plain_comp_spv};
   for (const auto& words : all)
     for (uint32_t word : words) hash = (hash ^ word) * 0x100000001b3u;

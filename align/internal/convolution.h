@@ -59,6 +59,11 @@ struct ConvStep {
 /// The device's kernels for convolutions of whole maps.
 class ConvKernels {
  public:
+  /// Uses of the buffers that record() takes; all have texel_format(), weights and scratch that of single precision.
+  static constexpr auto kActivations = engine::BufferUse::storage | engine::BufferUse::texel,
+                        kWeights = engine::BufferUse::texel | engine::BufferUse::image,
+                        kScratch = engine::BufferUse::storage | engine::BufferUse::image;
+
   /// `shuffle`: see can_shuffle(). `precision`: of the activations; weights and transformed tiles are single.
   ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle,
               Precision precision);
@@ -72,7 +77,7 @@ class ConvKernels {
   /// in -> out. `scratch`: texels for the transformed tiles, as many as scratch_texels() says.
   void record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
               const engine::Buffer& out, const engine::Buffer& scratch) const;
-  /// Zeroes the border of `out`.
+  /// Zeroes the border of `out`; record() leaves it as it is.
   void record_border(engine::Recorder& recorder, const TensorLayout& layout, const engine::Buffer& out) const;
   void add_to(engine::ArenaSize& size) const;
 
@@ -84,7 +89,7 @@ class ConvKernels {
   engine::Kernel border_, direct_, column_;
   struct Winograd {
     engine::Kernel input, product;
-  } winograd2_, winograd4_;
+  } winograd2_, winograd4_, winograd6_;
 };
 
 /// Of the SPIR-V that convolutions run.

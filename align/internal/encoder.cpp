@@ -40,6 +40,9 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   for (size_t l = 0; l < tensors.size(); ++l) {
     Level level;
     level.info = layout.levels[l];
+    level.borders[0] = level.borders[1] = tensors[l][0];
+    for (size_t i = 0; i < tensors[l].size(); ++i)
+      level.borders[i % 2].channels = std::max(level.borders[i % 2].channels, tensors[l][i].channels);
     for (size_t i = 0; i < model_->encoder[l].size(); ++i) {
       const ConvLayer& layer = model_->encoder[l][i];
       ConvStep step;
@@ -55,14 +58,13 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
     }
     levels_.push_back(std::move(level));
   }
-  const auto add = [&](const char* name, uint64_t count, Precision of) {
-    return memory.add(name, texel_bytes(of) * count, engine::MemoryKind::device,
-                      engine::BufferUse::storage | engine::BufferUse::texel, texel_format(of));
+  const auto add = [&](const char* name, uint64_t count, Precision of, engine::BufferUse use = ConvKernels::kActivations) {
+    return memory.add(name, texel_bytes(of) * count, engine::MemoryKind::device, use, texel_format(of));
   };
   activations_[0] = add("activations, even layers", texels[0] * pass_, precision_);
   activations_[1] = add("activations, odd layers", texels[1] * pass_, precision_);
-  weights_ = add("encoder weights", weights, Precision::fp32);
-  scratch_ = add("transformed tiles", scratch, Precision::fp32);
+  weights_ = add("encoder weights", weights, Precision::fp32, ConvKernels::kWeights);
+  scratch_ = add("transformed tiles", scratch, Precision::fp32, ConvKernels::kScratch);
   const auto storage = [&](const char* name, uint64_t floats) {
     return memory.add(name, 4 * floats * pass_, engine::MemoryKind::device, engine::BufferUse::storage);
   };
@@ -159,7 +161,13 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
     n.mean[c] = model_->mean[c];
     n.inverse_std[c] = 1 / model_->std[c];
   }
-  convolutions_->record_border(recorder, input, buffer(0));
+  const auto record_borders = [&](const Level& level, size_t at) {
+    for (TensorLayout border : level.borders) {
+      border.images = count;
+      convolutions_->record_border(recorder, border, buffer(at++));
+    }
+  };
+  record_borders(levels_[0], 0);
   for (const Part& part : parts) {
     n.first_image = part.first;
     n.at = part.at;
@@ -198,7 +206,6 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
       p.out_pitch = next.pitch();
       p.out_plane = next.plane();
       p.out_image = next.image();
-      convolutions_->record_border(recorder, next, buffer(place + 1));
     }
     for (const Part& part : parts) {
       p.first_image = part.first;
@@ -208,6 +215,7 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
                         {engine::groups_for((p.width + 1) / 2, kLanes), (p.height + 1) / 2, part.count});
     }
     ++place;
+    if (l + 1 < levels_.size()) record_borders(levels_[l + 1], place);
   }
 }
 

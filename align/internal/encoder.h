@@ -40,6 +40,9 @@ class Encoder {
   struct Level {
     std::vector<ConvStep> steps;  // of a tile
     shaders::LevelInfo info;      // of the image
+    // What lies in either buffer in turn, with the most channels. All layers of a level have the same planes, so their borders
+    // are written once.
+    TensorLayout borders[2];
   };
   bool by_image() const { return model_->normalisation == Normalisation::image; }
   /// Images of a pass, the first of which is its image `at`.

@@ -107,6 +107,8 @@ INSTANTIATE_TEST_SUITE_P(Variants, EncoderDevice,
                                          Case{ConvVariant::winograd4, true, PixelFormat::r32f, 1, 83, 30, 3},
                                          Case{ConvVariant::winograd4, false, PixelFormat::bgra8, 3, 31, 29, 4, by_image},
                                          Case{ConvVariant::winograd4, true, PixelFormat::rgba32f, 1, 8, 9, 1},
+                                         Case{ConvVariant::winograd6, true, PixelFormat::rgba32f, 3, 53, 47, 4, by_image},
+                                         Case{ConvVariant::winograd6, false, PixelFormat::r8, 1, 29, 64, 2},
                                          Case{ConvVariant::winograd4x1, true, PixelFormat::rgba8, 3, 71, 33, 3, by_image},
                                          Case{ConvVariant::direct, true, PixelFormat::rgba32f, 3, 67, 41, 2, by_image}),
                          [](const auto& info) { return text(info.param); });

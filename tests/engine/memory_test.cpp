@@ -121,6 +121,7 @@ TEST(Memory, APlanRejectsWhatMakesNoSense) {
   MemoryPlan plan;
   EXPECT_THROW(plan.add("empty", 0, MemoryKind::device, BufferUse::storage), Error);
   EXPECT_THROW(plan.add("no format", 16, MemoryKind::device, BufferUse::texel), Error);
+  EXPECT_THROW(plan.add("no format", 16, MemoryKind::device, BufferUse::image), Error);
   EXPECT_THROW(plan.add("depth", 16, MemoryKind::device, BufferUse::texel, VK_FORMAT_D16_UNORM), Error);
   EXPECT_TRUE(plan.buffers().empty());
 }
