@@ -16,9 +16,8 @@ using uint = uint32_t;
 #define ICLK_CONV_ROWS 4
 // Tiles of four rows that an invocation of winograd4x1 makes.
 #define ICLK_COLUMN_TILES 2
-// Tiles that an invocation of winograd_product makes, and of that with tiles of 6x6.
+// Tiles that an invocation of winograd_product makes.
 #define ICLK_WINOGRAD_TILES 4
-#define ICLK_WINOGRAD6_TILES 4
 
 // F(4x4, 3x3) interpolates at 0, +-A, +-B and infinity. With 1 and 2, which most use, rounding errors
 // are three to eight times as large; with these they are below twice those of the direct convolution.

@@ -1,6 +1,6 @@
 // Winograd F(N x N, 3 x 3), second part: products over the input channels for each of the (N + 2)^2 positions, summed into
-// A^T m A on the way, bias and ELU. An invocation makes eight output channels of T tiles.
-// Groups: (blocks of eight output channels, ceil(tiles / T / local size), 1).
+// A^T m A on the way, bias and ELU. An invocation makes eight output channels of ICLK_WINOGRAD_TILES tiles.
+// Groups: (blocks of eight output channels, ceil(tiles / ICLK_WINOGRAD_TILES / local size), 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "network.h"
@@ -15,11 +15,7 @@ layout(push_constant) uniform Push { WinogradPush push; };
 #include "winograd_tile.glsl"
 
 #define M (N + 2)
-#if N == 6
-#define T ICLK_WINOGRAD6_TILES
-#else
 #define T ICLK_WINOGRAD_TILES
-#endif
 
 // The points at which polynomials are multiplied, between 0 and infinity: pairs of a sign each.
 #if N == 6

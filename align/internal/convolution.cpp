@@ -34,10 +34,6 @@ bool in_two_parts(ConvVariant variant) { return variant != ConvVariant::direct &
 uint32_t tile_size(ConvVariant variant) {
   return variant == ConvVariant::winograd6 ? 6 : variant == ConvVariant::winograd4 ? 4 : 2;
 }
-// That a workgroup of the products takes.
-uint32_t group_tiles(ConvVariant variant, uint32_t lanes) {
-  return lanes * (variant == ConvVariant::winograd6 ? ICLK_WINOGRAD6_TILES : ICLK_WINOGRAD_TILES);
-}
 uint32_t positions(ConvVariant variant) {
   if (variant == ConvVariant::direct) return 9;
   if (variant == ConvVariant::winograd4x1) return 18;
@@ -198,7 +194,7 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
   if (!in_two_parts(step.variant)) return 0;
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes();
-  const uint64_t group = group_tiles(step.variant, product_lanes(type));
+  const uint64_t group = ICLK_WINOGRAD_TILES * product_lanes(type);
   const uint64_t wanted = (Tiles(step).all + group - 1) / group * group;
   return tile * std::clamp(most / tile / group * group, group, wanted);
 }
@@ -211,7 +207,7 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
                                                                      : winograd2_;
   const Tiles tiles(step);
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes(),
-                 group = group_tiles(step.variant, product_lanes_);
+                 group = static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * product_lanes_;
   // Small enough for a CPU's cache, and a multiple of what a workgroup takes.
   const uint64_t strip = std::min(scratch.size / 16 / tile, (tiles.all + group - 1)) / group * group;
   shaders::WinogradPush push{};

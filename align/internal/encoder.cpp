@@ -40,9 +40,8 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   for (size_t l = 0; l < tensors.size(); ++l) {
     Level level;
     level.info = layout.levels[l];
-    level.borders[0] = level.borders[1] = tensors[l][0];
     for (size_t i = 0; i < tensors[l].size(); ++i)
-      level.borders[i % 2].channels = std::max(level.borders[i % 2].channels, tensors[l][i].channels);
+      if (i < 2 || tensors[l][i].channels > level.borders[i % 2].channels) level.borders[i % 2] = tensors[l][i];
     for (size_t i = 0; i < model_->encoder[l].size(); ++i) {
       const ConvLayer& layer = model_->encoder[l][i];
       ConvStep step;
