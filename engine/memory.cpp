@@ -12,6 +12,8 @@ namespace {
 VkDeviceSize rounded(VkDeviceSize bytes) { return (bytes + 15) / 16 * 16; }
 
 /// Limits of the device that a single buffer may break.
+bool has_view(BufferUse use) { return has(use, BufferUse::texel | BufferUse::image); }
+
 void check_limits(const Context& context, const BufferDescription& buffer) {
   const VkPhysicalDeviceLimits& limits = context.limits();
   const VkDeviceSize bytes = rounded(buffer.bytes);
@@ -24,7 +26,7 @@ void check_limits(const Context& context, const BufferDescription& buffer) {
     reject(limits.maxStorageBufferRange, "maxStorageBufferRange", bytes_in_words(bytes));
   if (has(buffer.use, BufferUse::uniform) && bytes > limits.maxUniformBufferRange)
     reject(limits.maxUniformBufferRange, "maxUniformBufferRange", bytes_in_words(bytes));
-  if (!has(buffer.use, BufferUse::texel | BufferUse::image)) return;
+  if (!has_view(buffer.use)) return;
   if (const VkDeviceSize texels = bytes / texel_bytes(buffer.texel_format); texels > limits.maxTexelBufferElements)
     reject(limits.maxTexelBufferElements, "maxTexelBufferElements", std::to_string(texels) + " texels");
   VkFormatProperties format;
@@ -81,7 +83,7 @@ const char* name(MemoryKind kind) {
 
 BufferId MemoryPlan::add(BufferDescription description) {
   if (description.bytes == 0) throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "' has 0 bytes");
-  if (has(description.use, BufferUse::texel | BufferUse::image) && texel_bytes(description.texel_format) == 0)
+  if (has_view(description.use) && texel_bytes(description.texel_format) == 0)
     throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "': VkFormat " +
                                                  std::to_string(description.texel_format) +
                                                  " is no format for a texel buffer here");
@@ -137,7 +139,7 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
       check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory",
             description.name);
       if (mapped[place.chunk]) buffer.mapped = mapped[place.chunk] + place.offset;
-      if (!has(description.use, BufferUse::texel | BufferUse::image)) continue;
+      if (!has_view(description.use)) continue;
       const VkBufferViewCreateInfo view{
           VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle, description.texel_format, 0, VK_WHOLE_SIZE};
       check(vk.CreateBufferView(device, &view, nullptr, &buffer.view), "vkCreateBufferView", description.name);

@@ -1,5 +1,5 @@
 // 3x3 convolution, bias and ELU with a register tile: an invocation makes eight output channels of ICLK_CONV_ROWS pixels of a
-// column, `dilation` apart. The input has a border of zeros, so that no tap is tested.
+// column, `dilation` apart.
 #extension GL_GOOGLE_include_directive : require
 #include "conv_column.glsl"
 #ifdef PATCHES

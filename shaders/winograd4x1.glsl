@@ -1,6 +1,6 @@
 // 3x3 convolution, bias and ELU by Winograd F(4, 3) along columns: half the products of conv_direct.glsl, and as there nothing
 // between input and output goes through memory. An invocation makes eight output channels of ICLK_COLUMN_TILES tiles of four
-// pixels of a column, `dilation` apart. The input has a border of zeros, so that no tap is tested.
+// pixels of a column, `dilation` apart.
 #extension GL_GOOGLE_include_directive : require
 #include "conv_column.glsl"
 #include "winograd_points.glsl"

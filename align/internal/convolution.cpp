@@ -176,11 +176,11 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   if (uses(ConvVariant::direct)) direct_ = columns(choose(conv_direct_comp_spv, conv_direct_plain_comp_spv));
   if (uses(ConvVariant::winograd4x1)) column_ = columns(choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
   if (uses(ConvVariant::winograd2))
-    winograd2_ = winograd(winograd2_input_comp_spv, choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv));
+    winograd_[0] = winograd(winograd2_input_comp_spv, choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv));
   if (uses(ConvVariant::winograd4))
-    winograd4_ = winograd(winograd4_input_comp_spv, choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv));
+    winograd_[1] = winograd(winograd4_input_comp_spv, choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv));
   if (uses(ConvVariant::winograd6))
-    winograd6_ = winograd(winograd6_input_comp_spv, choose(winograd6_product_comp_spv, winograd6_product_plain_comp_spv));
+    winograd_[2] = winograd(winograd6_input_comp_spv, choose(winograd6_product_comp_spv, winograd6_product_plain_comp_spv));
 }
 
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context& context) {
@@ -202,9 +202,7 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType ty
 void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
                          const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
   if (!in_two_parts(step.variant)) return record_columns(recorder, step, in, weights, out);
-  const Winograd& kernels = step.variant == ConvVariant::winograd6   ? winograd6_
-                            : step.variant == ConvVariant::winograd4 ? winograd4_
-                                                                     : winograd2_;
+  const Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
   const Tiles tiles(step);
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes(),
                  group = static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * product_lanes_;
@@ -278,10 +276,10 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
   size.add(border_, 2);
   if (direct_) size.add(direct_, 2);
   if (column_) size.add(column_, 2);
-  for (const Winograd* w : {&winograd2_, &winograd4_, &winograd6_}) {
-    if (!w->input) continue;
-    size.add(w->input, 2);
-    size.add(w->product, 2);
+  for (const Winograd& w : winograd_) {
+    if (!w.input) continue;
+    size.add(w.input, 2);
+    size.add(w.product, 2);
   }
 }
 

@@ -89,7 +89,7 @@ class ConvKernels {
   engine::Kernel border_, direct_, column_;
   struct Winograd {
     engine::Kernel input, product;
-  } winograd2_, winograd4_, winograd6_;
+  } winograd_[3];  // of tiles of 2x2, 4x4 and 6x6
 };
 
 /// Of the SPIR-V that convolutions run.
