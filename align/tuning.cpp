@@ -10,13 +10,14 @@
 #include <set>
 #include <sstream>
 
+#include <iclk/align/internal/feature_maps.h>
 #include <iclk/align/internal/tiling.h>
 #include <iclk/engine/submission.h>
 
 namespace iclk {
 namespace {
 
-constexpr std::string_view kHeader = "iclk-tuning 2";
+constexpr std::string_view kHeader = "iclk-tuning 3";
 constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
                                      ConvVariant::winograd6, ConvVariant::winograd4x1};
 
@@ -40,10 +41,17 @@ double now(engine::DeviceType type) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+struct Kernels {
+  Kernels(const std::shared_ptr<const engine::Context>& context, Precision precision)
+      : convolutions(context, kVariants, internal::can_shuffle(context->info()), precision), maps(context, precision) {}
+  internal::ConvKernels convolutions;
+  internal::FeatureMaps maps;
+};
+
 // A layer in every variant, ready to be run. Input, output and tiles are the same memory for all.
 class Trial {
  public:
-  Trial(const std::shared_ptr<const engine::Context>& context, const internal::ConvKernels& kernels, const ConvShape& shape)
+  Trial(const std::shared_ptr<const engine::Context>& context, const Kernels& kernels, const ConvShape& shape)
       : type_(context->info().type) {
     internal::ConvStep step;
     step.dilation = static_cast<uint32_t>(shape.dilation);
@@ -51,6 +59,11 @@ class Trial {
                step.dilation};
     step.out = step.in;
     step.out.channels = static_cast<uint32_t>(shape.out);
+    if (shape.last) {
+      step.half = step.out;
+      step.half.width /= 2;
+      step.half.height /= 2;
+    }
     const size_t in = static_cast<size_t>(shape.in), out = static_cast<size_t>(shape.out);
     const ConvLayer layer{shape.in, shape.out, shape.dilation, std::vector<float>(9 * in * out, 1e-3f),
                           std::vector<float>(out, 0.1f)};
@@ -59,6 +72,7 @@ class Trial {
     uint64_t tiles = 1;
     for (ConvVariant variant : kVariants) {
       step.variant = variant;
+      step.reduced = shape.last && internal::can_reduce(step);
       step.packed = packed.add(layer, variant);
       tiles = std::max(tiles, internal::ConvKernels::scratch_texels(step, *context));
       steps.push_back(step);
@@ -68,15 +82,21 @@ class Trial {
       return plan.add(what, internal::texel_bytes(precision) * texels, engine::MemoryKind::device, use,
                       internal::texel_format(precision));
     };
-    using Kernels = internal::ConvKernels;
-    const auto x = add("tuning: input", step.in.texels(), Kernels::kActivations, shape.precision),
-               y = add("tuning: output", step.out.texels(), Kernels::kActivations, shape.precision),
-               w = add("tuning: weights", packed.data().size() / 4, Kernels::kWeights),
-               scratch = add("tuning: tiles", tiles, Kernels::kScratch);
+    using Uses = internal::ConvKernels;
+    // A reduced output and the sums behind it are smaller than a whole one, but not at a pixel or two.
+    const uint64_t texel = internal::texel_bytes(shape.precision),
+                   reduced = shape.last ? internal::channel_sums(step, shape.precision).bytes(1) / texel + 1 : 0;
+    const auto x = add("tuning: input", std::max(step.in.texels(), step.half.texels()), Uses::kActivations, shape.precision),
+               y = add("tuning: output", std::max(step.out.texels(), reduced), Uses::kActivations, shape.precision),
+               w = add("tuning: weights", packed.data().size() / 4, Uses::kWeights),
+               scratch = add("tuning: tiles", tiles, Uses::kScratch),
+               map = plan.add("tuning: map", 4ull * step.out.width * step.out.height, engine::MemoryKind::device,
+                              engine::BufferUse::storage);
     memory_.emplace(context, plan);
     internal::write_buffer(context, (*memory_)[w], packed.data());
     engine::ArenaSize size;
-    kernels.add_to(size);
+    kernels.convolutions.add_to(size);
+    kernels.maps.add_to(size, 1);
     arena_.emplace(context, size);
     engine::Submission fill(context);
     engine::Recorder recorder(*context, fill.begin(), *arena_);
@@ -87,7 +107,11 @@ class Trial {
     for (const internal::ConvStep& s : steps) {
       engine::Submission& submission = submissions_.emplace_back(context);
       engine::Recorder recorder(*context, submission.begin(), *arena_);
-      kernels.record(recorder, s, (*memory_)[x], (*memory_)[w], (*memory_)[y], (*memory_)[scratch]);
+      kernels.convolutions.record(recorder, s, (*memory_)[x], (*memory_)[w], (*memory_)[y], (*memory_)[scratch]);
+      const uint32_t width = s.out.width, height = s.out.height;
+      if (shape.last)
+        kernels.maps.record(recorder, s, 0, 1, (*memory_)[y], (*memory_)[x],
+                            {&(*memory_)[map], 0, width, width * height, 0, 0, 0, width, height});
       submission.end();
     }
   }
@@ -131,7 +155,7 @@ std::string Tuning::text(std::string_view key) const {
   out << kHeader << "\n" << key << "\n" << variants.size() << "\n";
   for (const auto& [s, variant] : variants)
     out << s.in << " " << s.out << " " << s.dilation << " " << s.width << " " << s.height << " " << name(s.precision) << " "
-        << name(variant) << "\n";
+        << s.last << " " << name(variant) << "\n";
   const std::string body = out.str();
   return body + checksum(body) + "\n";
 }
@@ -145,7 +169,7 @@ std::optional<Tuning> Tuning::parse(std::string_view text, std::string_view key)
   if (!(in >> count)) return {};
   for (size_t i = 0; i < count; ++i) {
     ConvShape s;
-    if (!(in >> s.in >> s.out >> s.dilation >> s.width >> s.height >> precision >> word)) return {};
+    if (!(in >> s.in >> s.out >> s.dilation >> s.width >> s.height >> precision >> s.last >> word)) return {};
     s.precision = precision == name(Precision::fp16) ? Precision::fp16 : Precision::fp32;  // the checksum knows of any other
     const auto variant = variant_of(word);
     if (!variant) return {};
@@ -169,7 +193,7 @@ std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height,
   for (int l = 0; l < levels; ++l)
     for (const ConvLayer& layer : model.encoder[static_cast<size_t>(l)])
       shapes.insert({layer.in, layer.out, layer.dilation, static_cast<int>(tiling.width >> l),
-                     static_cast<int>(tiling.height >> l), precision});
+                     static_cast<int>(tiling.height >> l), precision, &layer == &model.encoder[static_cast<size_t>(l)].back()});
   return {shapes.begin(), shapes.end()};
 }
 
@@ -179,9 +203,8 @@ Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::ve
   for (const ConvShape& shape : shapes)
     if (!known.variants.contains(shape)) missing.push_back(shape);
   if (missing.empty()) return known;
-  std::map<Precision, internal::ConvKernels> kernels;
-  for (const ConvShape& shape : missing)
-    kernels.try_emplace(shape.precision, context, kVariants, internal::can_shuffle(context->info()), shape.precision);
+  std::map<Precision, Kernels> kernels;
+  for (const ConvShape& shape : missing) kernels.try_emplace(shape.precision, context, shape.precision);
   for (size_t i = 0; i < missing.size(); ++i) {
     if (progress) progress(static_cast<int>(i), static_cast<int>(missing.size()));
     known.variants[missing[i]] = Trial(context, kernels.at(missing[i].precision), missing[i]).fastest();

@@ -22,10 +22,12 @@ enum class ConvVariant {
 };
 const char* name(ConvVariant variant);
 
-/// A layer of an encoder at the size at which it is computed, pixels, and the precision of what goes in and out.
+/// A layer of an encoder at the size at which it is computed, pixels, and the precision of what goes in and out. The last layer
+/// of a level is measured with what is made of its output.
 struct ConvShape {
   int in = 0, out = 0, dilation = 1, width = 0, height = 0;
   Precision precision = Precision::fp32;
+  bool last = false;
   auto operator<=>(const ConvShape&) const = default;
 };
 

@@ -7,10 +7,10 @@
 #include "network.h"
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0) uniform samplerBuffer activations;
-layout(set = 0, binding = 1, std430) writeonly buffer Maps { float maps[]; };
 #define OUT_BINDING 2
 #include "activations.glsl"
 layout(push_constant) uniform Push { FeatureMapPush push; };
+#include "feature_map.glsl"
 
 void main() {
   uint x = gl_GlobalInvocationID.x, y = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
@@ -20,10 +20,8 @@ void main() {
   uint to = push.out_offset + image * push.out_image + y * push.out_pitch + x;
   // Push constants are read before lanes part, see docs/convolutions.md.
   int in_plane = int(push.in_plane);
-  uint out_plane = push.out_plane, planes = push.in_planes, c = 0u, map_pitch = push.map_pitch;
-  uint map = (push.first_image + image) * push.map_stride + push.map_offset + 2u * y * map_pitch + 2u * x;
-  uvec2 first = uvec2(push.first_u, push.first_v), end = uvec2(push.end_u, push.end_v);
-  float inverse_channels = push.inverse_channels;
+  uint out_plane = push.out_plane, planes = push.in_planes, c = 0u;
+  Block block = block_at(x, y, image);
   if (2u * x >= push.width) return;
   vec4 sum[4] = vec4[](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
   do {
@@ -38,10 +36,7 @@ void main() {
     at += in_plane;
     to += out_plane;
   } while (++c < planes);
-  [[unroll]] for (uint k = 0u; k < 4u; ++k) {
-    uvec2 at = 2u * uvec2(x, y) + uvec2(k % 2u, k / 2u);
-    vec4 s = sum[k];
-    if (all(greaterThanEqual(at, first)) && all(lessThan(at, end)))
-      maps[map + (k / 2u) * map_pitch + k % 2u] = ((s.x + s.y) + (s.z + s.w)) * inverse_channels;
-  }
+  vec4 channels;
+  [[unroll]] for (uint k = 0u; k < 4u; ++k) channels[k] = (sum[k].x + sum[k].y) + (sum[k].z + sum[k].w);
+  write_block(block, channels);
 }

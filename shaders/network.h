@@ -82,9 +82,14 @@ struct WinogradPush {
   uint tiles_x, tiles_y;   // of one of the dilation^2 interleaved sub-grids
   uint first_tile, tiles;  // of this strip
   uint strip;              // tiles that the strip has room for
+  uint lane_bits;          // binary logarithm of the product's lanes, see winograd_tile.glsl
+  // A product that is reduced: its out_* are those of the 2x2 means.
+  uint halves;  // 0: they are not asked for
+  uint sums;    // texels of single precision before the sums over channels
 };
 
-// Mean over the channels to the maps, and 2x2 means to the next level's input.
+// Mean over the channels to the maps, and 2x2 means to the next level's input. Or, of a reduced output, to the maps alone: then
+// what goes in are sums over eight channels each, a texel for 2x2 pixels.
 struct FeatureMapPush {
   uint width, height;
   uint in_offset, in_pitch, in_plane, in_image, in_planes;

@@ -33,6 +33,7 @@ void main() {
   uint t = gl_GlobalInvocationID.x, c = gl_WorkGroupID.y;
   if (t >= push.tiles) return;
   Tile tile = tile_at(int(push.first_tile + t));
+  if (tile.image >= int(push.images)) return;
   int dilation = int(push.dilation), pitch = int(push.in_pitch);
   int base = int(push.in_offset + c * push.in_plane) + tile.image * int(push.in_image);
   vec4 m[M][M];

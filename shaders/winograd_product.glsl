@@ -1,10 +1,14 @@
 // Winograd F(N x N, 3 x 3), second part: products over the input channels for each of the (N + 2)^2 positions, summed into
 // A^T m A on the way, bias and ELU. An invocation makes eight output channels of ICLK_WINOGRAD_TILES tiles.
+//
+// REDUCED, of a level's last layer with an even dilation: its output is not written, but what is made of it, which is less:
+// 2x2 means of each channel for the next level, and sums over the eight channels for the map (feature_sums.comp).
 // Groups: (blocks of eight output channels, ceil(tiles / ICLK_WINOGRAD_TILES / local size), 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "network.h"
 layout(local_size_x_id = 0) in;
+layout(constant_id = 2) const bool REDUCED = false;
 layout(set = 0, binding = 0, rgba32f) readonly uniform imageBuffer transformed;
 layout(set = 0, binding = 1, rgba32f) readonly uniform imageBuffer weights;
 #define FETCH imageLoad
@@ -118,14 +122,51 @@ void main() {
   } while (++i < M);
   // Push constants that are read where lanes part are read anew, and dearly, by lavapipe: here, before any branch.
   int dilation = int(push.dilation), width = int(push.width), height = int(push.height), pitch = int(push.out_pitch);
-  int tiles = int(push.tiles), first_tile = int(push.first_tile), out_image = int(push.out_image);
+  int images = int(push.images), tiles = int(push.tiles), first_tile = int(push.first_tile), out_image = int(push.out_image);
   int out_plane = int(push.out_plane), out_offset = int(push.out_offset) + int(2u * gl_WorkGroupID.x) * out_plane;
   uint out_planes = push.out_planes, bias_at = push.bias;
+  if (REDUCED) {
+    // The tiles are those of four sub-grids: the same pixel of each makes a 2x2 block.
+    Tile tile = tile_at(first_tile + min(first, tiles - 1));
+    bool live = first < tiles && tile.image < images, halves = live && push.halves != 0u;
+    int columns = (width + 1) / 2, rows = (height + 1) / 2;
+    int to = out_offset + tile.image * out_image + tile.y / 2 * pitch + tile.x / 2;
+    int image = tile.image * int(gl_NumWorkGroups.x) + int(gl_WorkGroupID.x);
+    int sums = int(push.sums) + (image * rows + tile.y / 2) * columns + tile.x / 2;
+    vec4 bias[2] = vec4[2](imageLoad(weights, int(bias_at + 2u * gl_WorkGroupID.x)),
+                           imageLoad(weights, int(bias_at + 2u * gl_WorkGroupID.x + 1u)));
+    int a = 0;
+    do {
+      [[unroll]] for (int b = 0; b < N; ++b) {
+        int x = tile.x + b * dilation;
+        vec4 channels = vec4(0.0);
+        [[unroll]] for (int h = 0; h < 2; ++h) {
+          vec4 four = vec4(0.0);
+          [[unroll]] for (int t = 0; t < T; ++t) {
+            vec4 value = elu(sum[0][b][t][h] + bias[h]);
+            four += value;
+            channels[t] += (value.x + value.y) + (value.z + value.w);
+          }
+          bool exists = halves && 2u * gl_WorkGroupID.x + uint(h) < out_planes;
+          if (exists && x + 1 < width && tile.y + 1 < height) put(uint(to + h * out_plane + b * dilation / 2), 0.25 * four);
+        }
+        if (live && x < width && tile.y < height) texels[sums + b * dilation / 2] = channels;
+      }
+      tile.y += dilation;
+      to += dilation / 2 * pitch;
+      sums += dilation / 2 * columns;
+      [[unroll]] for (int k = 1; k < N; ++k)
+        [[unroll]] for (int b = 0; b < N; ++b)
+          [[unroll]] for (int t = 0; t < T; ++t)
+            [[unroll]] for (int h = 0; h < 2; ++h) sum[k - 1][b][t][h] = sum[k][b][t][h];
+    } while (++a < N);
+    return;
+  }
   int t = 0;
   do {
     int index = first + t * lanes;
-    bool live = index < tiles;
     Tile tile = tile_at(first_tile + min(index, tiles - 1));
+    bool live = index < tiles && tile.image < images;
     int out_at = out_offset + tile.image * out_image + tile.y * pitch + tile.x;
     [[unroll]] for (int h = 0; h < 2; ++h) {
       uint plane = 2u * gl_WorkGroupID.x + uint(h);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstring>
 
 #include <iclk/engine/submission.h>
@@ -102,25 +103,41 @@ std::array<float, 64> transformed(const float* g, ConvVariant variant, const Mat
   return out;
 }
 
-// Tiles of all images, and of one sub-grid in x and y.
+// Tiles of all images, and of one sub-grid in x and y. Four sub-grids of an even dilation fill up a workgroup each: see
+// shaders/winograd_tile.glsl.
 struct Tiles {
-  Tiles(const ConvStep& step) {
+  Tiles(const ConvStep& step, uint32_t lanes) {
     const uint32_t span = tile_size(step.variant) * step.dilation;
     x = engine::groups_for(step.out.width, span);
     y = engine::groups_for(step.out.height, span);
     all = static_cast<uint64_t>(x) * y * step.dilation * step.dilation * step.out.images;
+    if (step.dilation % 2 == 0) all = (all / 4 + lanes - 1) / lanes * lanes * 4;
   }
   uint32_t x, y;
   uint64_t all;
 };
 
+// A power of two.
 uint32_t product_lanes(engine::DeviceType type) { return type == engine::DeviceType::cpu ? 8 : 64; }
+static_assert(ICLK_WINOGRAD_TILES == 4, "an invocation has the tiles of 2x2 sub-grids");
 
 }  // namespace
 
 uint64_t TensorLayout::texels() const {
   const uint64_t beyond = static_cast<uint64_t>(pitch()) * border * (ICLK_CONV_ROWS + 2) + pitch();
   return offset() + static_cast<uint64_t>(plane()) * planes() * images + beyond;
+}
+
+bool can_reduce(const ConvStep& step) { return in_two_parts(step.variant) && step.dilation % 2 == 0; }
+
+ChannelSums channel_sums(const ConvStep& step, Precision precision) {
+  const uint64_t means = step.half.width ? step.half.texels() * texel_bytes(precision) : 0;
+  ChannelSums sums;
+  sums.offset = static_cast<uint32_t>((means + 15) / 16);
+  sums.pitch = (step.out.width + 1) / 2;
+  sums.plane = sums.pitch * ((step.out.height + 1) / 2);
+  sums.planes = engine::groups_for(step.out.channels, kBlock);
+  return sums;
 }
 
 uint64_t packed_texels(const ConvLayer& layer, ConvVariant variant) {
@@ -155,7 +172,8 @@ PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
 
 ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle,
                          Precision precision)
-    : direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
+    : precision_(precision),
+      direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
       product_lanes_(product_lanes(context->info().type)) {
   using enum engine::BindingKind;
   const uint32_t half = precision == Precision::fp16;
@@ -167,8 +185,12 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   };
   const auto winograd = [&](std::span<const uint32_t> input, std::span<const uint32_t> product) {
     constexpr uint32_t bytes = sizeof(shaders::WinogradPush);
-    return Winograd{{context, {"encode", input, {texel_read, storage_write}, bytes, {kInputLanes}}},
-                    {context, {"encode", product, {image_read, image_read, storage_write}, bytes, {product_lanes_, half}}}};
+    const auto multiply = [&](uint32_t reduced) {
+      return engine::Kernel(
+          context, {"encode", product, {image_read, image_read, storage_write}, bytes, {product_lanes_, half, reduced}});
+    };
+    return Winograd{
+        {context, {"encode", input, {texel_read, storage_write}, bytes, {kInputLanes}}}, multiply(false), multiply(true)};
   };
   const auto choose = [&](std::span<const uint32_t> shared, std::span<const uint32_t> plain) {
     return shuffle ? shared : plain;
@@ -195,7 +217,7 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType ty
   if (!in_two_parts(step.variant)) return 0;
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes();
   const uint64_t group = ICLK_WINOGRAD_TILES * product_lanes(type);
-  const uint64_t wanted = (Tiles(step).all + group - 1) / group * group;
+  const uint64_t wanted = (Tiles(step, product_lanes(type)).all + group - 1) / group * group;
   return tile * std::clamp(most / tile / group * group, group, wanted);
 }
 
@@ -203,7 +225,8 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
                          const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
   if (!in_two_parts(step.variant)) return record_columns(recorder, step, in, weights, out);
   const Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
-  const Tiles tiles(step);
+  const Tiles tiles(step, product_lanes_);
+  const TensorLayout& to = step.reduced ? step.half : step.out;
   const uint64_t tile = static_cast<uint64_t>(positions(step.variant)) * step.in.planes(),
                  group = static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * product_lanes_;
   // Small enough for a CPU's cache, and a multiple of what a workgroup takes.
@@ -218,13 +241,16 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
   push.in_plane = step.in.plane();
   push.in_image = step.in.image();
   push.in_planes = step.in.planes();
-  push.out_offset = step.out.offset();
-  push.out_pitch = step.out.pitch();
-  push.out_plane = step.out.plane();
-  push.out_image = step.out.image();
+  push.out_offset = to.offset();
+  push.out_pitch = to.pitch();
+  push.out_plane = to.plane();
+  push.out_image = to.image();
   push.out_planes = step.out.planes();
   push.weights = step.packed.weights;
   push.bias = step.packed.bias;
+  push.lane_bits = static_cast<uint32_t>(std::countr_zero(product_lanes_));
+  push.halves = step.half.width > 0 && step.half.height > 0;
+  push.sums = step.reduced ? channel_sums(step, precision_).offset : 0;
   push.tiles_x = tiles.x;
   push.tiles_y = tiles.y;
   push.strip = static_cast<uint32_t>(strip);
@@ -233,7 +259,7 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
     push.tiles = static_cast<uint32_t>(std::min(strip, tiles.all - first));
     recorder.dispatch(kernels.input, {&in, &scratch}, push, {engine::groups_for(push.tiles, kInputLanes), push.in_planes, 1});
     recorder.dispatch(
-        kernels.product, {&scratch, &weights, &out}, push,
+        step.reduced ? kernels.reduced : kernels.product, {&scratch, &weights, &out}, push,
         {engine::groups_for(step.out.channels, kBlock), engine::groups_for(push.tiles, static_cast<uint32_t>(group)), 1});
   }
 }
@@ -280,6 +306,7 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
     if (!w.input) continue;
     size.add(w.input, 2);
     size.add(w.product, 2);
+    size.add(w.reduced, 2);
   }
 }
 

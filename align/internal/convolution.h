@@ -54,7 +54,24 @@ struct ConvStep {
   TensorLayout in, out;
   uint32_t dilation = 1;
   PackedLayer packed;
+  /// Of a level's last layer: the next level's input, 2x2 means of `out`; no pixels where there is no next level.
+  TensorLayout half;
+  /// Precondition: can_reduce(). The step writes `half`, and channel_sums() behind it, instead of `out`.
+  bool reduced = false;
 };
+
+/// The step's variant can spare writing its output.
+bool can_reduce(const ConvStep& step);
+
+/// What a reduced step leaves for the map: sums over eight channels each, a vec4 for 2x2 pixels. All in vec4.
+struct ChannelSums {
+  uint32_t offset;  // behind the means
+  uint32_t pitch, plane, planes;
+
+  uint32_t image() const { return plane * planes; }
+  uint64_t bytes(uint32_t images) const { return 16ull * (offset + static_cast<uint64_t>(image()) * images); }
+};
+ChannelSums channel_sums(const ConvStep& step, Precision precision);
 
 /// The device's kernels for convolutions of whole maps.
 class ConvKernels {
@@ -85,10 +102,11 @@ class ConvKernels {
   void record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
                       const engine::Buffer& out) const;
 
+  Precision precision_;
   uint32_t direct_lanes_, product_lanes_;
   engine::Kernel border_, direct_, column_;
   struct Winograd {
-    engine::Kernel input, product;
+    engine::Kernel input, product, reduced;
   } winograd_[3];  // of tiles of 2x2, 4x4 and 6x6
 };
 

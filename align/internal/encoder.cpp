@@ -4,7 +4,6 @@
 
 #include <iclk/align/internal/kernels.h>
 
-#include "feature_map.comp.spv.h"
 #include "image_light.comp.spv.h"
 #include "image_moments.comp.spv.h"
 #include "normalise.comp.spv.h"
@@ -29,34 +28,42 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       map_stride_(layout.map_stride),
       tiling_(*model_, layout.levels[0].width, layout.levels[0].height, static_cast<int>(layout.levels.size()), precision,
               most_bytes) {
-  // Activations go to and fro between two buffers. Borders are those of the layer that reads.
   const auto tensors = encoder_tensors(*model_, tiling_.width, tiling_.height, static_cast<int>(layout.levels.size()));
-  const auto texels = activation_texels(tensors);
-  const uint64_t texel = texel_bytes(precision_);
-  pass_ = static_cast<uint32_t>(std::clamp<uint64_t>(
-      std::min(kPassBytes / texel / (texels[0] + texels[1]), kActivationBytes / texel / std::max(texels[0], texels[1])), 1,
-      most_images));
   uint64_t weights = 0, scratch = 1;
   for (size_t l = 0; l < tensors.size(); ++l) {
     Level level;
     level.info = layout.levels[l];
-    for (size_t i = 0; i < tensors[l].size(); ++i)
-      if (i < 2 || tensors[l][i].channels > level.borders[i % 2].channels) level.borders[i % 2] = tensors[l][i];
     for (size_t i = 0; i < model_->encoder[l].size(); ++i) {
       const ConvLayer& layer = model_->encoder[l][i];
       ConvStep step;
       step.in = tensors[l][i];
       step.out = tensors[l][i + 1];
-      step.in.images = step.out.images = pass_;
       step.dilation = static_cast<uint32_t>(layer.dilation);
-      step.variant = tuning.choose(
-          {layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width), static_cast<int>(step.in.height), precision_});
+      const bool last = i + 1 == model_->encoder[l].size();
+      step.variant = tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
+                                    static_cast<int>(step.in.height), precision_, last});
+      if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
+      step.reduced = last && can_reduce(step);
       weights += packed_texels(layer, step.variant);
-      scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
       level.steps.push_back(step);
+      TensorLayout& border = level.borders[i % 2];
+      if (step.in.channels > border.channels) border = step.in;
     }
+    const ConvStep& last = level.steps.back();
+    TensorLayout& border = level.borders[level.steps.size() % 2];
+    if (!last.reduced && last.out.channels > border.channels) border = last.out;
     levels_.push_back(std::move(level));
   }
+  const auto texels = activation_texels();
+  const uint64_t texel = texel_bytes(precision_);
+  pass_ = static_cast<uint32_t>(std::clamp<uint64_t>(
+      std::min(kPassBytes / texel / (texels[0] + texels[1]), kActivationBytes / texel / std::max(texels[0], texels[1])), 1,
+      most_images));
+  for (Level& level : levels_)
+    for (ConvStep& step : level.steps) {
+      step.in.images = step.out.images = pass_;
+      scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
+    }
   const auto add = [&](const char* name, uint64_t count, Precision of, engine::BufferUse use = ConvKernels::kActivations) {
     return memory.add(name, texel_bytes(of) * count, engine::MemoryKind::device, use, texel_format(of));
   };
@@ -69,6 +76,27 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   };
   light_ = storage("mean and deviation of images", 2);
   if (by_image()) moments_ = storage("moments of images", 4ull * ICLK_LIGHT_STRIPS * kLanes);
+}
+
+std::array<uint64_t, 2> Encoder::activation_texels() const {
+  std::array<uint64_t, 2> texels{};
+  size_t place = 0;
+  const auto need = [&](uint64_t count) { texels[place % 2] = std::max(texels[place % 2], count); };
+  for (const Level& level : levels_) {
+    for (const ConvStep& step : level.steps) {
+      need(step.in.texels());
+      ++place;
+    }
+    const ConvStep& last = level.steps.back();
+    if (last.reduced) {
+      const uint64_t texel = texel_bytes(precision_);
+      need((channel_sums(last, precision_).bytes(1) + texel - 1) / texel);
+    } else {
+      need(last.out.texels());
+      ++place;
+    }
+  }
+  return texels;
 }
 
 void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
@@ -99,13 +127,8 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  {storage_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
                  {kLanes, half, format, channels, by_image()}}};
-  feature_map_ = {context,
-                  {"encode",
-                   feature_map_comp_spv,
-                   {texel_read, storage_write, storage_write},
-                   sizeof(shaders::FeatureMapPush),
-                   {kLanes, half}}};
   convolutions_.emplace(context, used, shuffle, precision_);
+  feature_maps_.emplace(context, precision_);
 }
 
 void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Images> all) const {
@@ -175,45 +198,28 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
   }
   for (size_t l = 0; l < levels_.size(); ++l) {
     const Level& level = levels_[l];
-    for (ConvStep step : level.steps) {
-      step.in.images = step.out.images = count;
+    ConvStep step;
+    for (const ConvStep& each : level.steps) {
+      step = each;
+      step.in.images = step.out.images = step.half.images = count;
       convolutions_->record(recorder, step, buffer(place), memory[weights_], buffer(place + 1), memory[scratch_]);
       ++place;
     }
-    const TensorLayout& in = level.steps.back().out;
     const auto at_level = [&](uint32_t pixels0) { return pixels0 >> l; };
-    shaders::FeatureMapPush p{};
-    p.width = in.width;
-    p.height = in.height;
-    p.in_pitch = in.pitch();
-    p.in_plane = in.plane();
-    p.in_image = in.image();
-    p.in_planes = in.planes();
-    p.map_offset = level.info.map_offset + at_level(row.origin) * level.info.pitch + at_level(column.origin);
-    p.map_pitch = level.info.pitch;
-    p.map_stride = map_stride_;
-    p.first_u = at_level(column.begin) - at_level(column.origin);
-    p.first_v = at_level(row.begin) - at_level(row.origin);
-    p.end_u = at_level(column.end) - at_level(column.origin);
-    p.end_v = at_level(row.end) - at_level(row.origin);
-    p.inverse_channels = 1.0f / static_cast<float>(in.channels);
-    TensorLayout next;
-    if (l + 1 < levels_.size()) {
-      next = levels_[l + 1].steps.front().in;
-      next.images = count;
-      p.halves = 1;
-      p.out_pitch = next.pitch();
-      p.out_plane = next.plane();
-      p.out_image = next.image();
-    }
+    FeatureMaps::Target target{};
+    target.offset = level.info.map_offset + at_level(row.origin) * level.info.pitch + at_level(column.origin);
+    target.pitch = level.info.pitch;
+    target.stride = map_stride_;
+    target.first_u = at_level(column.begin) - at_level(column.origin);
+    target.first_v = at_level(row.begin) - at_level(row.origin);
+    target.end_u = at_level(column.end) - at_level(column.origin);
+    target.end_v = at_level(row.end) - at_level(row.origin);
     for (const Part& part : parts) {
-      p.first_image = part.first;
-      p.in_offset = in.offset() + part.at * in.image();
-      p.out_offset = next.offset() + part.at * next.image();
-      recorder.dispatch(feature_map_, {&buffer(place), part.maps, &buffer(place + 1)}, p,
-                        {engine::groups_for((p.width + 1) / 2, kLanes), (p.height + 1) / 2, part.count});
+      target.maps = part.maps;
+      target.first_image = part.first;
+      feature_maps_->record(recorder, step, part.at, part.count, buffer(place), buffer(place + 1), target);
     }
-    ++place;
+    if (!step.reduced) ++place;
     if (l + 1 < levels_.size()) record_borders(levels_[l + 1], place);
   }
 }
@@ -224,7 +230,7 @@ void Encoder::add_to(engine::ArenaSize& size, uint32_t sources) const {
     size.add(image_light_, 1);
   }
   size.add(normalise_, sources);
-  size.add(feature_map_, 2 * sources);
+  feature_maps_->add_to(size, sources);
   convolutions_->add_to(size);
 }
 

@@ -2,6 +2,7 @@
 #include <memory>
 #include <span>
 
+#include <iclk/align/internal/feature_maps.h>
 #include <iclk/align/internal/tiling.h>
 
 namespace iclk::internal {
@@ -40,8 +41,8 @@ class Encoder {
   struct Level {
     std::vector<ConvStep> steps;  // of a tile
     shaders::LevelInfo info;      // of the image
-    // What lies in either buffer in turn, with the most channels. All layers of a level have the same planes, so their borders
-    // are written once.
+    // What lies in either buffer in turn, with the most channels; in the other one none where its only tensor is reduced. All
+    // layers of a level have the same planes, so their borders are written once.
     TensorLayout borders[2];
   };
   bool by_image() const { return model_->normalisation == Normalisation::image; }
@@ -51,6 +52,8 @@ class Encoder {
   };
   /// Mean and deviation of the images of a pass.
   void record_light(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts) const;
+  /// Texels of the two buffers between which activations go to and fro, of so many images.
+  std::array<uint64_t, 2> activation_texels() const;
   /// One tile of each image of a pass.
   void record_tile(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts,
                    const Tiling::Span& column, const Tiling::Span& row) const;
@@ -64,8 +67,9 @@ class Encoder {
   uint32_t pass_ = 1;
   engine::BufferId activations_[2], weights_, scratch_;
   engine::BufferId moments_, light_;  // of the images of a pass, where the model normalises by the image
-  engine::Kernel image_moments_, image_light_, normalise_, feature_map_;
+  engine::Kernel image_moments_, image_light_, normalise_;
   std::optional<ConvKernels> convolutions_;
+  std::optional<FeatureMaps> feature_maps_;
 };
 
 }  // namespace iclk::internal

@@ -45,22 +45,30 @@ class Convolution : public testing::TestWithParam<std::tuple<Way, Shape>> {
  protected:
   void SetUp() override { ICLK_NEED_DEVICE(); }
 };
+class ReducedConvolution : public Convolution {};
 
 // Of outputs of the order of 1. The larger Winograd's tiles, the more is lost in the sums that cancel.
 double tolerance(ConvVariant variant) { return variant == ConvVariant::winograd6 ? 8e-5 : 2e-5; }
 
-TEST_P(Convolution, IsThePlainOne) {
-  const auto [way, shape] = GetParam();
-  const auto context = test::device();
-  if (way.shuffle && !internal::can_shuffle(context->info())) GTEST_SKIP() << "no subgroup shuffles here";
-  std::mt19937 random(7);
-  const ConvLayer layer = test::random_layer(shape.in, shape.out, shape.dilation, random);
+ConvStep step_for(const Way& way, const Shape& shape) {
   const uint32_t border = static_cast<uint32_t>(shape.dilation) + 1;  // more than needed is right as well
   ConvStep step;
   step.variant = way.variant;
   step.in = {shape.width, shape.height, static_cast<uint32_t>(shape.in), shape.images, border};
   step.out = {shape.width, shape.height, static_cast<uint32_t>(shape.out), shape.images, border};
   step.dilation = static_cast<uint32_t>(shape.dilation);
+  return step;
+}
+
+// What a step makes of random images in `bytes` of memory, and the plain convolution of each of them.
+struct Outcome {
+  std::vector<float> made;
+  std::vector<std::vector<double>> expected;
+};
+Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes) {
+  const auto context = test::device();
+  std::mt19937 random(7);
+  const ConvLayer layer = test::random_layer(shape.in, shape.out, shape.dilation, random);
   internal::PackedWeights packed;
   packed.add(layer, way.variant);  // the layer under test lies behind another
   step.packed = packed.add(layer, way.variant);
@@ -71,7 +79,7 @@ TEST_P(Convolution, IsThePlainOne) {
   engine::MemoryPlan plan;
   const auto in = plan.add("in", 16 * step.in.texels(), MemoryKind::upload, use, texel);
   const auto weights = plan.add("weights", 4 * packed.data().size(), MemoryKind::device, ConvKernels::kWeights, texel);
-  const auto out = plan.add("out", 16 * step.out.texels(), MemoryKind::readback, use, texel);
+  const auto out = plan.add("out", bytes, MemoryKind::readback, use, texel);
   // Strips of a few tiles, so that there are several.
   const uint64_t scratch_texels = std::max<uint64_t>(1, ConvKernels::scratch_texels(step, context->info().type, 1 << 14));
   const auto scratch = plan.add("scratch", 16 * scratch_texels, MemoryKind::device, ConvKernels::kScratch, texel);
@@ -99,25 +107,78 @@ TEST_P(Convolution, IsThePlainOne) {
   engine::Submission submission(context);
   engine::Recorder recorder(*context, submission.begin(), arena);
   kernels.record_border(recorder, step.in, memory[in]);
-  kernels.record_border(recorder, step.out, memory[out]);
+  if (!step.reduced) kernels.record_border(recorder, step.out, memory[out]);
   kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch]);
   recorder.host_read({&memory[out]});
   submission.end();
   submission.submit_and_wait();
 
-  const float* y = memory[out].as<const float>();
+  Outcome outcome;
+  outcome.made.assign(memory[out].as<const float>(), memory[out].as<const float>() + memory[out].size / 4);
   for (uint32_t n = 0; n < shape.images; ++n) {
     test::PlainMaps channels(static_cast<int>(shape.width), static_cast<int>(shape.height), shape.in);
     std::copy_n(&x[n * image], image, channels.data.begin());
-    const auto expected = test::convolve(channels, layer).data;
+    outcome.expected.push_back(test::convolve(channels, layer).data);
+  }
+  return outcome;
+}
+
+TEST_P(Convolution, IsThePlainOne) {
+  const auto [way, shape] = GetParam();
+  if (way.shuffle && !internal::can_shuffle(test::device()->info())) GTEST_SKIP() << "no subgroup shuffles here";
+  const ConvStep step = step_for(way, shape);
+  const Outcome outcome = run(way, shape, step, 16 * step.out.texels());
+  const uint32_t border = step.out.border;
+  for (uint32_t n = 0; n < shape.images; ++n)
     for (uint32_t c = 0; c < 4 * step.out.planes(); ++c)
       for (uint32_t v = 0; v < shape.height + border; ++v)
         for (uint32_t u = 0; u < shape.width + border; ++u) {
           const bool inside = c < step.out.channels && v < shape.height && u < shape.width;
-          const double e = inside ? expected[(c * shape.height + v) * shape.width + u] : 0.0;
-          ASSERT_NEAR(y[at(step.out, n, c, v, u)], e, tolerance(way.variant) * std::max(1.0, std::abs(e)))
+          const double e = inside ? outcome.expected[n][(c * shape.height + v) * shape.width + u] : 0.0;
+          ASSERT_NEAR(outcome.made[at(step.out, n, c, v, u)], e, tolerance(way.variant) * std::max(1.0, std::abs(e)))
               << "image " << n << " channel " << c << " at " << u << ", " << v;
         }
+}
+
+TEST_P(ReducedConvolution, MakesMeansAndSumsOfThePlainOne) {
+  const auto [way, shape] = GetParam();
+  if (way.shuffle && !internal::can_shuffle(test::device()->info())) GTEST_SKIP() << "no subgroup shuffles here";
+  ConvStep step = step_for(way, shape);
+  ASSERT_TRUE(internal::can_reduce(step));
+  step.reduced = true;
+  step.half = step.out;
+  step.half.width /= 2;
+  step.half.height /= 2;
+  for (const bool halves : {true, false}) {
+    if (!halves) step.half = {};
+    const internal::ChannelSums sums = internal::channel_sums(step, Precision::fp32);
+    const Outcome outcome = run(way, shape, step, sums.bytes(shape.images));
+    for (uint32_t n = 0; n < shape.images; ++n) {
+      const auto expected = [&](uint32_t c, uint32_t v, uint32_t u) {
+        return c < step.out.channels ? outcome.expected[n][(c * shape.height + v) * shape.width + u] : 0.0;
+      };
+      // A sum of eight may be as far off as each of them.
+      const double off = tolerance(way.variant);
+      for (uint32_t c = 0; halves && c < 4 * step.out.planes(); ++c)
+        for (uint32_t v = 0; v < step.half.height; ++v)
+          for (uint32_t u = 0; u < step.half.width; ++u) {
+            const uint32_t x = 2 * u, y = 2 * v;
+            const double e =
+                (expected(c, y, x) + expected(c, y, x + 1) + expected(c, y + 1, x) + expected(c, y + 1, x + 1)) / 4.0;
+            ASSERT_NEAR(outcome.made[at(step.half, n, c, v, u)], e, off * std::max(1.0, std::abs(e)))
+                << "image " << n << " channel " << c << " at " << u << ", " << v;
+          }
+      for (uint32_t block = 0; block < sums.planes; ++block)
+        for (uint32_t v = 0; v < shape.height; ++v)
+          for (uint32_t u = 0; u < shape.width; ++u) {
+            double e = 0;
+            for (uint32_t c = 8 * block; c < 8 * block + 8; ++c) e += expected(c, v, u);
+            const size_t texel =
+                sums.offset + (n * sums.planes + block) * static_cast<size_t>(sums.plane) + v / 2 * sums.pitch + u / 2;
+            ASSERT_NEAR(outcome.made[4 * texel + v % 2 * 2 + u % 2], e, 8 * off * std::max(1.0, std::abs(e)))
+                << "image " << n << " channels from " << 8 * block << " at " << u << ", " << v;
+          }
+    }
   }
 }
 
@@ -145,6 +206,14 @@ INSTANTIATE_TEST_SUITE_P(Odd, Convolution,
                                           testing::Values(Shape{1, 1, 1, 1, 1}, Shape{2, 9, 5, 7, 2}, Shape{37, 3, 1, 9, 3},
                                                           Shape{16, 16, 4, 8, 4}, Shape{13, 11, 6, 13, 7},
                                                           Shape{19, 13, 5, 12, 2, 3}, Shape{65, 17, 9, 20, 1, 2})),
+                         test_name);
+
+// Odd sizes, where means are of fewer pixels than maps; even dilations alone can be reduced.
+INSTANTIATE_TEST_SUITE_P(Winograd, ReducedConvolution,
+                         testing::Combine(testing::ValuesIn(std::span(kWays).subspan(2, 6)),
+                                          testing::Values(Shape{47, 30, 32, 32, 2}, Shape{23, 15, 64, 64, 2, 2},
+                                                          Shape{11, 7, 128, 128, 2}, Shape{1, 1, 1, 1, 2}, Shape{2, 9, 5, 7, 2},
+                                                          Shape{16, 16, 4, 8, 4}, Shape{33, 19, 6, 13, 6, 3})),
                          test_name);
 
 }  // namespace

@@ -80,9 +80,12 @@ TEST(HalfPrecision, HalvesTheMemoryOfActivations) {
     options.precision = precision;
     return DeviceAligner::workspace_size(*device(), plan, options, Solver::device, model).total();
   };
-  const auto texels = internal::activation_texels(internal::encoder_tensors(*model, 752, 480, 2));
+  // What the last layer of a level gives is never written: 32 channels lie in one buffer, 16 and later 64 of half the size in
+  // the other.
+  const auto tensors = internal::encoder_tensors(*model, 752, 480, 2);
+  const uint64_t texels = tensors[0][2].texels() + std::max(tensors[0][1].texels(), tensors[1][2].texels());
   const double saved = static_cast<double>(bytes(Precision::fp32) - bytes(Precision::fp16));
-  EXPECT_NEAR(saved, static_cast<double>(2 * 8 * (texels[0] + texels[1])), 1e4);  // both images of the pair
+  EXPECT_NEAR(saved, static_cast<double>(2 * 8 * texels), 1e4);  // both images of the pair
 }
 
 TEST(HalfPrecision, TilesHoldTwiceAsManyPixels) {
