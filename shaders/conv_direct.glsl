@@ -1,4 +1,4 @@
-// 3x3 convolution, bias and ELU with a register tile: an invocation makes eight output channels of ICLK_CONV_ROWS pixels of a
+// 3x3 convolution, bias and ELU with a register tile: an invocation makes eight output channels, or ONE, of R pixels of a
 // column, `dilation` apart.
 #extension GL_GOOGLE_include_directive : require
 #include "conv_column.glsl"
@@ -6,7 +6,8 @@
 layout(set = 0, binding = 3, std430) readonly buffer Corners { ivec2 corners[]; };
 #endif
 
-#define R ICLK_CONV_ROWS
+layout(constant_id = 2) const int R = ICLK_CONV_ROWS;  // at most; fewer where small images leave a row of tiles half empty
+layout(constant_id = 3) const bool ONE = false;
 
 void main() {
   Column column = column_of(R);
@@ -16,13 +17,13 @@ void main() {
   int pitch = int(push.in_pitch), step = dilation * pitch;
   int at = int(push.in_offset) + image * int(push.in_image) + y * pitch + x;
   int w = int(push.weights + gl_WorkGroupID.x * push.in_planes * 72u);
-  vec4 acc[R][2];
+  vec4 acc[ICLK_CONV_ROWS][2];
   [[unroll]] for (int r = 0; r < R; ++r) acc[r][0] = acc[r][1] = vec4(0.0);
   uint c = 0u;
   do {
     int kx = 0;
     do {
-      vec4 v[R + 2];
+      vec4 v[ICLK_CONV_ROWS + 2];
       [[unroll]] for (int r = 0; r < R + 2; ++r) v[r] = texelFetch(activations, at + kx * dilation + r * step);
       vec4 lo[3][4], hi[3][4];
       [[unroll]] for (int ky = 0; ky < 3; ++ky) {
@@ -34,6 +35,11 @@ void main() {
         }
       }
       [[unroll]] for (int r = 0; r < R; ++r) {
+        if (ONE) {
+          [[unroll]] for (int ky = 0; ky < 3; ++ky)
+            [[unroll]] for (int q = 0; q < 4; ++q) acc[r][0].x += v[r + ky][q] * lo[ky][q].x;
+          continue;
+        }
         [[unroll]] for (int ky = 0; ky < 3; ++ky)
           [[unroll]] for (int q = 0; q < 4; ++q) acc[r][0] += v[r + ky][q] * lo[ky][q];
         [[unroll]] for (int ky = 0; ky < 3; ++ky)

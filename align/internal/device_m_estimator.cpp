@@ -97,6 +97,14 @@ MEstimator::Room MEstimator::room_of(Size piece) const {
   return room;
 }
 
+// Tiles are `dilation` rows apart: of a patch they leave a third of their rows empty, or hardly any. On whole levels it makes
+// little difference, and tall tiles fetch less.
+uint32_t MEstimator::rows_of(const Layer& layer, Size piece) const {
+  const uint32_t height = piece.height + 2 * layer.margin;
+  const auto computed = [&](uint32_t rows) { return engine::groups_for(height, rows * layer.dilation) * rows; };
+  return 8 * computed(ICLK_CONV_ROWS) > 9 * computed(ICLK_CONV_ROWS - 1) ? ICLK_CONV_ROWS - 1 : ICLK_CONV_ROWS;
+}
+
 uint32_t MEstimator::pieces_that_fit(Size piece) const {
   const Room one = room_of(piece);
   if (std::min(room_.even, room_.odd) < one.beyond) return 0;
@@ -139,13 +147,22 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
              {storage_read, storage_read, storage_read, texel_read, texel_read, storage_write, storage_write},
              bytes,
              {kLanes}}};
-  convolution_ = {
-      context,
-      {"m_estimator",
-       shuffle ? std::span<const uint32_t>(conv_patch_comp_spv) : std::span<const uint32_t>(conv_patch_plain_comp_spv),
-       {texel_read, texel_read, storage_write, storage_read},
-       sizeof(shaders::ConvPush),
-       {lanes_}}};
+  const std::span<const uint32_t> convolution =
+      shuffle ? std::span<const uint32_t>(conv_patch_comp_spv) : std::span<const uint32_t>(conv_patch_plain_comp_spv);
+  std::vector<Size> pieces{kPatch};
+  for (const shaders::LevelInfo& level : levels_) pieces.push_back({level.width, level.height});
+  for (const Layer& layer : layers_)
+    for (const Size piece : pieces) {
+      const uint32_t rows = rows_of(layer, piece), one = layer.out_channels == 1;
+      engine::Kernel& kernel = convolutions_[rows < ICLK_CONV_ROWS][one];
+      if (!kernel)
+        kernel = {context,
+                  {"m_estimator",
+                   convolution,
+                   {texel_read, texel_read, storage_write, storage_read},
+                   sizeof(shaders::ConvPush),
+                   {lanes_, false, rows, one}}};
+    }
   weight_ = {context,
              {"m_estimator",
               m_estimator_weights_comp_spv,
@@ -236,11 +253,12 @@ void MEstimator::record_network(engine::Recorder& recorder, const engine::Worksp
     conv.margin = layer.margin;
     conv.level_width = levels_[push.level].width;
     conv.level_height = levels_[push.level].height;
-    const uint64_t rows =
-        static_cast<uint64_t>(engine::groups_for(out.height, ICLK_CONV_ROWS * layer.dilation)) * layer.dilation;
+    const uint32_t tall = rows_of(layer, piece);
+    const uint64_t rows = static_cast<uint64_t>(engine::groups_for(out.height, tall * layer.dilation)) * layer.dilation;
     recorder.dispatch(
-        convolution_, {&memory[activations_[i % 2]], &memory[weights_], &memory[activations_[(i + 1) % 2]], &memory[corners_]},
-        conv, spread(engine::groups_for(layer.out_channels, ICLK_CONV_CHANNELS), rows * out.width * push.patches, lanes_));
+        convolutions_[tall < ICLK_CONV_ROWS][layer.out_channels == 1],
+        {&memory[activations_[i % 2]], &memory[weights_], &memory[activations_[(i + 1) % 2]], &memory[corners_]}, conv,
+        spread(engine::groups_for(layer.out_channels, ICLK_CONV_CHANNELS), rows * out.width * push.patches, lanes_));
     in = out;
   }
 }
@@ -248,7 +266,9 @@ void MEstimator::record_network(engine::Recorder& recorder, const engine::Worksp
 void MEstimator::add_to(engine::ArenaSize& size) const {
   size.add(input_);
   size.add(patch_);
-  size.add(convolution_, 2);
+  for (const auto& kernels : convolutions_)
+    for (const engine::Kernel& kernel : kernels)
+      if (kernel) size.add(kernel, 2);
   size.add(weight_);
 }
 

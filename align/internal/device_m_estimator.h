@@ -43,6 +43,7 @@ class MEstimator {
   struct Room {
     uint64_t even = 0, odd = 0, beyond = 0;
   };
+  uint32_t rows_of(const Layer& layer, Size piece) const;
   uint32_t patches_per_pair(int level, uint32_t features) const;
   Room room_of(Size piece) const;
   uint32_t pieces_that_fit(Size piece) const;
@@ -60,7 +61,9 @@ class MEstimator {
   Room room_;
   std::vector<Layer> layers_;
   engine::BufferId inputs_[2], residuals_, prior_, corners_, weights_, activations_[2];
-  engine::Kernel input_, patch_, convolution_, weight_;
+  engine::Kernel input_, patch_, weight_;
+  // By what an invocation makes: all rows of a tile or one fewer, eight output channels or one. Those that a layer uses.
+  engine::Kernel convolutions_[2][2];
 };
 
 }  // namespace iclk::internal
