@@ -21,6 +21,9 @@ constexpr std::string_view kHeader = "iclk-tuning 3";
 constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
                                      ConvVariant::winograd6, ConvVariant::winograd4x1};
 
+// A few: the least of them counts.
+constexpr int kTuningRuns = 5;
+
 std::optional<ConvVariant> variant_of(std::string_view word) {
   for (ConvVariant variant : kVariants)
     if (word == name(variant)) return variant;
@@ -116,19 +119,23 @@ class Trial {
     }
   }
 
-  // Of the fastest of a few runs of each; the first one, which compiles, does not count. They take turns, so that
-  // what else the machine does for a while falls on all of them.
-  ConvVariant fastest() {
-    std::array<double, std::size(kVariants)> best;
-    best.fill(1e30);
+  // The first run of each, which compiles, does not count. They take turns, so that what else the machine does for a while
+  // falls on all of them.
+  std::vector<LayerTimes::Way> times(int repetitions) {
+    std::array<std::vector<double>, std::size(kVariants)> seconds;
     for (engine::Submission& submission : submissions_) submission.submit_and_wait();
-    for (int run = 0; run < 5; ++run)
-      for (size_t i = 0; i < best.size(); ++i) {
+    for (int run = 0; run < repetitions; ++run)
+      for (size_t i = 0; i < seconds.size(); ++i) {
         const double begin = now(type_);
         submissions_[i].submit_and_wait();
-        best[i] = std::min(best[i], now(type_) - begin);
+        seconds[i].push_back(now(type_) - begin);
       }
-    return kVariants[std::min_element(best.begin(), best.end()) - best.begin()];
+    std::vector<LayerTimes::Way> ways;
+    for (size_t i = 0; i < seconds.size(); ++i) {
+      std::sort(seconds[i].begin(), seconds[i].end());
+      ways.push_back({kVariants[i], seconds[i][seconds[i].size() / 2], seconds[i].front()});
+    }
+    return ways;
   }
 
  private:
@@ -197,18 +204,30 @@ std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height,
   return {shapes.begin(), shapes.end()};
 }
 
+const LayerTimes::Way& LayerTimes::fastest() const {
+  return *std::min_element(ways.begin(), ways.end(), [](const Way& a, const Way& b) { return a.least < b.least; });
+}
+
+std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes,
+                                    int repetitions, const std::function<void(int, int)>& progress) {
+  std::map<Precision, Kernels> kernels;
+  for (const ConvShape& shape : shapes) kernels.try_emplace(shape.precision, context, shape.precision);
+  std::vector<LayerTimes> times;
+  for (const ConvShape& shape : shapes) {
+    if (progress) progress(static_cast<int>(times.size()), static_cast<int>(shapes.size()));
+    times.push_back({shape, Trial(context, kernels.at(shape.precision), shape).times(repetitions)});
+  }
+  return times;
+}
+
 Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes, Tuning known,
             const std::function<void(int, int)>& progress) {
   std::vector<ConvShape> missing;
   for (const ConvShape& shape : shapes)
     if (!known.variants.contains(shape)) missing.push_back(shape);
   if (missing.empty()) return known;
-  std::map<Precision, Kernels> kernels;
-  for (const ConvShape& shape : missing) kernels.try_emplace(shape.precision, context, shape.precision);
-  for (size_t i = 0; i < missing.size(); ++i) {
-    if (progress) progress(static_cast<int>(i), static_cast<int>(missing.size()));
-    known.variants[missing[i]] = Trial(context, kernels.at(missing[i].precision), missing[i]).fastest();
-  }
+  for (const LayerTimes& layer : time_layers(context, missing, kTuningRuns, progress))
+    known.variants[layer.shape] = layer.fastest().variant;
   return known;
 }
 

@@ -6,6 +6,7 @@
 #include <optional>
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <iclk/align/model.h>
 #include <iclk/engine/context.h>
@@ -51,6 +52,21 @@ std::string tuning_key(const engine::Context& context);
 /// the image is cut. Throws Error(unsupported) for an image that cannot be cut small enough.
 std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels,
                                       Precision precision = Precision::fp32);
+
+/// What a layer of an image costs in each variant, seconds: of processor time on a device that is a CPU, else of wall time.
+struct LayerTimes {
+  struct Way {
+    ConvVariant variant;
+    double median, least;
+  };
+  ConvShape shape;
+  std::vector<Way> ways;  ///< every variant
+
+  const Way& fastest() const;  ///< by its least time
+};
+/// Measures layers on the device, every variant `repetitions` times in turns. Memory, `progress` and errors: see tune().
+std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes,
+                                    int repetitions, const std::function<void(int layer, int layers)>& progress = {});
 
 /// Adds the layers that `known` lacks, by measuring every variant on the device: seconds on a CPU, and the memory of one layer.
 /// `progress`, if given, is called before each layer with its number and how many there are. Throws Error(unsupported),

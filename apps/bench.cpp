@@ -3,6 +3,7 @@
 #include <cstdlib>
 #include <tuple>
 
+#include "apps/bench_layers.h"
 #include "apps/bench_runs.h"
 #include "apps/command.h"
 #include "apps/io/text.h"
@@ -18,7 +19,7 @@ struct BenchCommand {
   RunOptions run;
   std::string size = "640x480";
   std::string save_pair;
-  bool with_peers = false, json = false;
+  bool with_peers = false, layers = false, json = false;
 };
 
 const char* const kFooter =
@@ -39,6 +40,7 @@ const char* const kFooter =
     "  iclk bench\n"
     "  iclk bench --pairs 1,64 --repetitions 20 --only device --profile\n"
     "  iclk bench --model model.safetensors --size 752x480 --pairs 1,16\n"
+    "  iclk bench --model model.safetensors --size 752x480 --layers\n"
     "  iclk bench --peers --data ../shared/data --json > peers.json\n"
     "  iclk bench --peers --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633\n";
 
@@ -70,6 +72,15 @@ void run(BenchCommand& command, int& exit) {
     command.bench.profile |= session.model != nullptr;
     command.bench.check();
     const auto device = open_device(command.run.device);
+    if (command.layers) {
+      if (!session.model)
+        throw Error(ErrorCode::invalid_argument, "--layers needs --model FILE: the classical mode has no encoder");
+      const LayerReport report = run_layers(device, *session.model, command.bench.width, command.bench.height,
+                                            session.model->levels(), command.bench.repetitions, terminal_progress());
+      print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
+      exit = kConverged;
+      return;
+    }
     if (!command.save_pair.empty()) save_bench_pair(command.bench, device, command.save_pair);
     const BenchReport report = run_bench(command.bench, device, terminal_progress());
     print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
@@ -97,8 +108,12 @@ void add_bench(CLI::App& app, int& exit) {
                    "Write the first pair and the pose found for it as safetensors: what apps/train/bench.py --iclk compares")
       ->check(not_empty)
       ->type_name("FILE");
+  auto* layers = command->add_flag("--layers", options->layers,
+                                   "Every layer of --model's encoder in every variant of its convolution: what is measured "
+                                   "once and remembered");
   auto* peers = command->add_flag("--peers", options->with_peers,
                                   "Compare with RgbdOdometry, KLT and SIFT on tum_fr1_360_5 and hololens_80");
+  layers->excludes(peers);
   command->add_option("--data", options->peers.data, "Folder that holds them; default ICLK_DATA, else ../shared/data")
       ->needs(peers);
   command

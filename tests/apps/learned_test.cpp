@@ -224,5 +224,34 @@ TEST_F(Learned, BenchMeasuresEveryStage) {
   for (size_t i = 0; i < 3; ++i) EXPECT_NEAR(pair.find("t")->data[i], pair.find("truth_t")->data[i], 0.02);
 }
 
+TEST_F(Learned, BenchMeasuresEveryLayerInEveryVariant) {
+  if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
+  const std::vector<std::string> line{"bench",  "--layers", "--model",       file("narrow.safetensors"),
+                                      "--size", "96x72",    "--repetitions", "2"};
+  std::vector<std::string> machine = line;
+  machine.push_back("--json");
+  const Json report = json(run(machine, "off"));
+  const Model model = load_model(file("narrow.safetensors"));
+  size_t layers = 0, last = 0;
+  for (const auto& level : model.encoder) layers += level.size();
+  ASSERT_EQ(report["layers"].size(), layers);
+  for (const auto& layer : report["layers"]) {
+    last += layer["last"].get<bool>();
+    ASSERT_EQ(layer["variants"].size(), 5u);
+    for (const auto& way : layer["variants"]) {
+      EXPECT_GT(way["ms_min"], 0);
+      EXPECT_GE(way["ms"], way["ms_min"]);
+      EXPECT_LE(layer["variants"][layer["fastest"].get<std::string>()]["ms_min"], way["ms_min"]);
+    }
+  }
+  EXPECT_EQ(last, model.encoder.size());
+
+  const Finished table = run(line, "off");
+  EXPECT_EQ(table.code, 0) << table.err;
+  EXPECT_NE(table.out.find("winograd4x1"), std::string::npos) << table.out;
+  EXPECT_EQ(run({"bench", "--layers"}).code, kBadInput);
+  EXPECT_EQ(run({"bench", "--layers", "--peers"}).code, kUsage);
+}
+
 }  // namespace
 }  // namespace iclk
