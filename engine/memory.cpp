@@ -11,9 +11,9 @@ namespace {
 
 VkDeviceSize rounded(VkDeviceSize bytes) { return (bytes + 15) / 16 * 16; }
 
-/// Limits of the device that a single buffer may break.
 bool has_view(BufferUse use) { return has(use, BufferUse::texel | BufferUse::image); }
 
+/// Limits of the device that a single buffer may break.
 void check_limits(const Context& context, const BufferDescription& buffer) {
   const VkPhysicalDeviceLimits& limits = context.limits();
   const VkDeviceSize bytes = rounded(buffer.bytes);

@@ -65,14 +65,10 @@ std::vector<std::vector<TensorLayout>> encoder_tensors(const Model& model, uint3
   return tensors;
 }
 
-std::array<uint64_t, 2> activation_texels(const std::vector<std::vector<TensorLayout>>& tensors) {
-  std::array<uint64_t, 2> texels{};
-  size_t place = 0;
+uint64_t most_texels(const std::vector<std::vector<TensorLayout>>& tensors) {
+  uint64_t texels = 0;
   for (const auto& level : tensors)
-    for (const TensorLayout& tensor : level) {
-      texels[place % 2] = std::max(texels[place % 2], tensor.texels());
-      ++place;
-    }
+    for (const TensorLayout& tensor : level) texels = std::max(texels, tensor.texels());
   return texels;
 }
 
@@ -81,8 +77,7 @@ Tiling::Tiling(const Model& model, uint32_t image_width, uint32_t image_height, 
   const uint32_t grid = 1u << (levels - 1), margin = margin_of(model, levels, grid);
   const Axis across{image_width, grid, margin}, down{image_height, grid, margin};
   const auto bytes = [&](uint32_t w, uint32_t h) {
-    const auto texels = activation_texels(encoder_tensors(model, w, h, levels));
-    return texel_bytes(precision) * std::max(texels[0], texels[1]);
+    return texel_bytes(precision) * most_texels(encoder_tensors(model, w, h, levels));
   };
   uint64_t fewest = UINT64_MAX;
   uint32_t best_columns = 0, best_rows = 0;

@@ -1,5 +1,4 @@
 #pragma once
-#include <array>
 #include <vector>
 
 #include <iclk/align/internal/convolution.h>
@@ -13,8 +12,8 @@ inline constexpr uint64_t kActivationBytes = 128ull << 20;
 /// For each level of an encoder what goes into it, then what its layers give, for images of a size.
 std::vector<std::vector<TensorLayout>> encoder_tensors(const Model& model, uint32_t width, uint32_t height, int levels);
 
-/// Texels of the two buffers between which these activations go to and fro, from the first one on.
-std::array<uint64_t, 2> activation_texels(const std::vector<std::vector<TensorLayout>>& tensors);
+/// Texels of the largest of these activations: no buffer of them needs more.
+uint64_t most_texels(const std::vector<std::vector<TensorLayout>>& tensors);
 
 /// How an image is cut for an encoder. A tile is encoded as an image of its own and is as large as the others; of its maps only
 /// those pixels are taken that no wrong border reaches. All in pixels of level 0. Arithmetic only, and of size, model,

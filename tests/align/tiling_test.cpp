@@ -15,8 +15,7 @@ namespace {
 using internal::Tiling;
 
 uint64_t bytes_of(const Model& model, uint32_t width, uint32_t height, int levels) {
-  const auto texels = internal::activation_texels(internal::encoder_tensors(model, width, height, levels));
-  return 16 * std::max(texels[0], texels[1]);
+  return 16 * internal::most_texels(internal::encoder_tensors(model, width, height, levels));
 }
 
 // Along one axis, of an image of `size` pixels.
