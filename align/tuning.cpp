@@ -8,6 +8,7 @@
 #include <deque>
 #include <optional>
 #include <set>
+#include <span>
 #include <sstream>
 
 #include <iclk/align/internal/feature_maps.h>
@@ -17,9 +18,9 @@
 namespace iclk {
 namespace {
 
-constexpr std::string_view kHeader = "iclk-tuning 3";
+constexpr std::string_view kHeader = "iclk-tuning 4";
 constexpr ConvVariant kVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
-                                     ConvVariant::winograd6, ConvVariant::winograd4x1};
+                                     ConvVariant::winograd4x1};
 
 // A few: the least of them counts.
 constexpr int kTuningRuns = 5;
@@ -44,9 +45,32 @@ double now(engine::DeviceType type) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
+// A layer in every variant; weights are not packed yet.
+std::vector<internal::ConvStep> steps_of(const ConvShape& shape, const engine::Context& context) {
+  internal::ConvStep step;
+  step.dilation = static_cast<uint32_t>(shape.dilation);
+  step.in = {static_cast<uint32_t>(shape.width), static_cast<uint32_t>(shape.height), static_cast<uint32_t>(shape.in), 1,
+             step.dilation};
+  step.out = step.in;
+  step.out.channels = static_cast<uint32_t>(shape.out);
+  if (shape.last) {
+    step.half = step.out;
+    step.half.width /= 2;
+    step.half.height /= 2;
+  }
+  std::vector<internal::ConvStep> steps;
+  for (ConvVariant variant : kVariants) {
+    step.variant = variant;
+    step.reduced = shape.last && internal::can_reduce(step);
+    step.fused = internal::can_fuse(step, context);
+    steps.push_back(step);
+  }
+  return steps;
+}
+
 struct Kernels {
-  Kernels(const std::shared_ptr<const engine::Context>& context, Precision precision)
-      : convolutions(context, kVariants, internal::can_shuffle(context->info()), precision), maps(context, precision) {}
+  Kernels(const std::shared_ptr<const engine::Context>& context, std::span<const internal::ConvStep> steps, Precision precision)
+      : convolutions(context, steps, internal::can_shuffle(context->info()), precision), maps(context, precision) {}
   internal::ConvKernels convolutions;
   internal::FeatureMaps maps;
 };
@@ -56,30 +80,17 @@ class Trial {
  public:
   Trial(const std::shared_ptr<const engine::Context>& context, const Kernels& kernels, const ConvShape& shape)
       : type_(context->info().type) {
-    internal::ConvStep step;
-    step.dilation = static_cast<uint32_t>(shape.dilation);
-    step.in = {static_cast<uint32_t>(shape.width), static_cast<uint32_t>(shape.height), static_cast<uint32_t>(shape.in), 1,
-               step.dilation};
-    step.out = step.in;
-    step.out.channels = static_cast<uint32_t>(shape.out);
-    if (shape.last) {
-      step.half = step.out;
-      step.half.width /= 2;
-      step.half.height /= 2;
-    }
     const size_t in = static_cast<size_t>(shape.in), out = static_cast<size_t>(shape.out);
     const ConvLayer layer{shape.in, shape.out, shape.dilation, std::vector<float>(9 * in * out, 1e-3f),
                           std::vector<float>(out, 0.1f)};
     internal::PackedWeights packed;
-    std::vector<internal::ConvStep> steps;
+    std::vector<internal::ConvStep> steps = steps_of(shape, *context);
     uint64_t tiles = 1;
-    for (ConvVariant variant : kVariants) {
-      step.variant = variant;
-      step.reduced = shape.last && internal::can_reduce(step);
-      step.packed = packed.add(layer, variant);
+    for (internal::ConvStep& step : steps) {
+      step.packed = packed.add(layer, step.variant);
       tiles = std::max(tiles, internal::ConvKernels::scratch_texels(step, *context));
-      steps.push_back(step);
     }
+    const internal::ConvStep& step = steps.front();
     engine::MemoryPlan plan;
     const auto add = [&](const char* what, uint64_t texels, engine::BufferUse use, Precision precision = Precision::fp32) {
       return plan.add(what, internal::texel_bytes(precision) * texels, engine::MemoryKind::device, use,
@@ -148,7 +159,7 @@ class Trial {
 }  // namespace
 
 const char* name(ConvVariant variant) {
-  constexpr const char* names[] = {"direct", "winograd2", "winograd4", "winograd6", "winograd4x1"};
+  constexpr const char* names[] = {"direct", "winograd2", "winograd4", "winograd4x1"};
   return names[static_cast<int>(variant)];
 }
 
@@ -210,8 +221,11 @@ const LayerTimes::Way& LayerTimes::fastest() const {
 
 std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes,
                                     int repetitions, const std::function<void(int, int)>& progress) {
+  std::map<Precision, std::vector<internal::ConvStep>> steps;
+  for (const ConvShape& shape : shapes)
+    for (const internal::ConvStep& step : steps_of(shape, *context)) steps[shape.precision].push_back(step);
   std::map<Precision, Kernels> kernels;
-  for (const ConvShape& shape : shapes) kernels.try_emplace(shape.precision, context, shape.precision);
+  for (const auto& [precision, needed] : steps) kernels.try_emplace(precision, context, needed, precision);
   std::vector<LayerTimes> times;
   for (const ConvShape& shape : shapes) {
     if (progress) progress(static_cast<int>(times.size()), static_cast<int>(shapes.size()));

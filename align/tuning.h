@@ -18,7 +18,6 @@ enum class ConvVariant {
   direct,       ///< register tile; the fewest bytes
   winograd2,    ///< F(2x2, 3x3): 16 products for 4 pixels instead of 36
   winograd4,    ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
-  winograd6,    ///< F(6x6, 3x3): 64 products for 36 pixels instead of 324
   winograd4x1,  ///< F(4x1, 3x3): 18 products for 4 pixels instead of 36, in a register tile as `direct` has
 };
 const char* name(ConvVariant variant);

@@ -1,5 +1,5 @@
 #version 460
-// End of an encoder level whose last layer left sums over eight channels each (winograd_product.glsl): the feature map is the
+// End of an encoder level whose last layer left sums over eight channels each (winograd_sums.glsl): the feature map is the
 // mean over all. An invocation makes a 2x2 block.
 // Groups: (ceil(ceil(width / 2) / local size), ceil(height / 2), images).
 #extension GL_GOOGLE_include_directive : require

@@ -16,17 +16,19 @@ using uint = uint32_t;
 #define ICLK_CONV_ROWS 4
 // Tiles of four rows that an invocation of winograd4x1 makes.
 #define ICLK_COLUMN_TILES 2
-// Tiles that an invocation of winograd_product makes.
+// Tiles that an invocation of Winograd's products makes.
 #define ICLK_WINOGRAD_TILES 4
+
+// winograd_fused: slots for transformed tiles, as many as lavapipe has threads at most (LP_MAX_THREADS). Before them in the
+// scratch memory one word each for the items of work that are taken and for each slot, on cache lines of their own.
+#define ICLK_FUSED_SLOTS 32
+#define ICLK_WORK_WORDS 16
+#define ICLK_FUSED_WORK_TEXELS ((ICLK_FUSED_SLOTS + 1) * ICLK_WORK_WORDS / 4)
 
 // F(4x4, 3x3) interpolates at 0, +-A, +-B and infinity. With 1 and 2, which most use, rounding errors
 // are three to eight times as large; with these they are below twice those of the direct convolution.
 #define ICLK_WINOGRAD_A 0.70710678
 #define ICLK_WINOGRAD_B 1.41421356
-// F(6x6, 3x3) at 0, +-A, +-B, +-C and infinity.
-#define ICLK_WINOGRAD6_A 0.5
-#define ICLK_WINOGRAD6_B 1.0
-#define ICLK_WINOGRAD6_C 2.0
 
 // Pixels of a row that an invocation of normalise.comp takes: what it reads once costs lavapipe more than a pixel does.
 #define ICLK_NORMALISE_PIXELS 4
@@ -83,6 +85,7 @@ struct WinogradPush {
   uint first_tile, tiles;  // of this strip
   uint strip;              // tiles that the strip has room for
   uint lane_bits;          // binary logarithm of the product's lanes, see winograd_tile.glsl
+  uint item_blocks;        // winograd_fused: blocks of output channels of an item of work
   // A product that is reduced: its out_* are those of the 2x2 means.
   uint halves;  // 0: they are not asked for
   uint sums;    // texels of single precision before the sums over channels

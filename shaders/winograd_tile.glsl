@@ -1,5 +1,5 @@
 // Which pixels a tile of N x N outputs covers. A dilated convolution has dilation^2 interleaved sub-grids with tiles of their
-// own, sites in rows of tiles_x. Needs N and the push constants WinogradPush.
+// own, sites in rows of tiles_x. Needs N, M and `push`.
 //
 // An odd dilation: the sub-grid (phase) is the innermost but one index, so that neighbours in number are neighbours in memory.
 // An even one: four sub-grids make 2x2 blocks of neighbouring pixels, and an invocation of the product has the tiles of all

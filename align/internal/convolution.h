@@ -3,7 +3,7 @@
 #include <vector>
 
 #include <iclk/align/internal/layout.h>
-#include <iclk/align/tuning.h>
+#include <iclk/align/internal/packed_weights.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>
 #include <iclk/shaders/network.h>
@@ -29,25 +29,6 @@ struct TensorLayout {
   uint64_t texels() const;
 };
 
-/// A layer's place in the network's weights, in texels.
-struct PackedLayer {
-  uint32_t weights = 0, bias = 0;
-};
-
-/// Texels that PackedWeights::add() appends.
-uint64_t packed_texels(const ConvLayer& layer, ConvVariant variant);
-
-/// Weights of many layers as the kernels read them: blocks of eight texels (shaders/conv_weights.glsl), channels filled up
-/// with zeros, transformed for Winograd in double precision; then the biases.
-class PackedWeights {
- public:
-  PackedLayer add(const ConvLayer& layer, ConvVariant variant);
-  const std::vector<float>& data() const { return data_; }
-
- private:
-  std::vector<float> data_;
-};
-
 /// A convolution that is ready to be recorded.
 struct ConvStep {
   ConvVariant variant = ConvVariant::direct;
@@ -58,10 +39,16 @@ struct ConvStep {
   TensorLayout half;
   /// Precondition: can_reduce(). The step writes `half`, and channel_sums() behind it, instead of `out`.
   bool reduced = false;
+  /// Precondition: can_fuse(). One kernel transforms tiles and multiplies them, not two one after the other.
+  bool fused = false;
 };
 
 /// The step's variant can spare writing its output.
 bool can_reduce(const ConvStep& step);
+
+/// Transformed tiles can stay in the cache of the core that multiplies them: the step's variant has such, and the device is a
+/// CPU with shuffles (see can_shuffle()), whose limits they keep.
+bool can_fuse(const ConvStep& step, const engine::Context& context);
 
 /// What a reduced step leaves for the map: sums over eight channels each, a vec4 for 2x2 pixels. All in vec4.
 struct ChannelSums {
@@ -81,14 +68,15 @@ class ConvKernels {
                         kWeights = engine::BufferUse::texel | engine::BufferUse::image,
                         kScratch = engine::BufferUse::storage | engine::BufferUse::image;
 
-  /// `shuffle`: see can_shuffle(). `precision`: of the activations; weights and transformed tiles are single.
-  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvVariant> used, bool shuffle,
+  /// Those that `steps` need: of each its variant, and whether it is reduced or fused, count. `shuffle`: see can_shuffle(); no
+  /// step is fused without. `precision`: of the activations; weights and transformed tiles are single.
+  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle,
               Precision precision);
 
-  /// Scratch texels that a step asks for on a device; 0: none. More than one strip of tiles where they are fewer than a
-  /// CPU's caches hold, or fill a large device.
+  /// Scratch texels that a step asks for on a device; 0: none. Not fused: more than one strip of tiles where they are fewer
+  /// than a CPU's caches hold, or fill a large device.
   static uint64_t scratch_texels(const ConvStep& step, const engine::Context& context);
-  /// The same with at most `most` texels, unless that is too few for one strip.
+  /// The same of a step that is not fused with at most `most` texels, unless that is too few for one strip.
   static uint64_t scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most);
 
   /// in -> out. `scratch`: texels for the transformed tiles, as many as scratch_texels() says.
@@ -102,12 +90,15 @@ class ConvKernels {
   void record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
                       const engine::Buffer& out) const;
 
+  void record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
+                    const engine::Buffer& out, const engine::Buffer& scratch) const;
+
   Precision precision_;
   uint32_t direct_lanes_, product_lanes_;
   engine::Kernel border_, direct_, column_;
   struct Winograd {
-    engine::Kernel input, product, reduced;
-  } winograd_[3];  // of tiles of 2x2, 4x4 and 6x6
+    engine::Kernel input, product[2], fused[2];  // [1]: reduced
+  } winograd_[2];                                // of tiles of 2x2 and 4x4
 };
 
 /// Of the SPIR-V that convolutions run.

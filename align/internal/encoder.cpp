@@ -44,6 +44,7 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
                                     static_cast<int>(step.in.height), precision_, last});
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.reduced = last && can_reduce(step);
+      step.fused = can_fuse(step, context);
       weights += packed_texels(layer, step.variant);
       level.steps.push_back(step);
       TensorLayout& border = level.borders[i % 2];
@@ -102,13 +103,14 @@ std::array<uint64_t, 2> Encoder::activation_texels() const {
 void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
   using enum engine::BindingKind;
   const uint32_t half = precision_ == Precision::fp16;
-  std::vector<ConvVariant> used;
+  std::vector<ConvStep> steps;
   PackedWeights packed;
   for (size_t l = 0; l < levels_.size(); ++l)
     for (size_t i = 0; i < levels_[l].steps.size(); ++i) {
       ConvStep& step = levels_[l].steps[i];
-      used.push_back(step.variant);
+      step.fused = step.fused && shuffle;
       step.packed = packed.add(model_->encoder[l][i], step.variant);
+      steps.push_back(step);
     }
   write_buffer(context, memory[weights_], packed.data());
   const uint32_t format = shader_format(format_), channels = static_cast<uint32_t>(model_->input_channels);
@@ -127,7 +129,7 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  {storage_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
                  {kLanes, half, format, channels, by_image()}}};
-  convolutions_.emplace(context, used, shuffle, precision_);
+  convolutions_.emplace(context, steps, shuffle, precision_);
   feature_maps_.emplace(context, precision_);
 }
 

@@ -14,7 +14,7 @@ Tuning example() {
   tuning.variants[{16, 32, 2, 752, 480}] = ConvVariant::winograd2;
   tuning.variants[{3, 16, 1, 752, 480}] = ConvVariant::direct;
   tuning.variants[{3, 16, 1, 752, 480, Precision::fp16}] = ConvVariant::winograd2;
-  tuning.variants[{16, 32, 2, 752, 480, Precision::fp32, true}] = ConvVariant::winograd6;
+  tuning.variants[{16, 32, 2, 752, 480, Precision::fp32, true}] = ConvVariant::winograd4x1;
   tuning.variants[{128, 128, 2, 94, 60}] = ConvVariant::winograd4;
   return tuning;
 }
@@ -50,7 +50,7 @@ TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
   EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}), ConvVariant::winograd2);
   EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480}), ConvVariant::direct);
   EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480, Precision::fp16}), ConvVariant::winograd2);
-  EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480, Precision::fp32, true}), ConvVariant::winograd6);
+  EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480, Precision::fp32, true}), ConvVariant::winograd4x1);
   EXPECT_EQ(tuning.choose({16, 32, 2, 376, 240}), ConvVariant::winograd4);
   EXPECT_EQ(tuning.choose({1, 32, 1, 376, 240}), ConvVariant::direct);
 }
