@@ -236,6 +236,9 @@ class Trainer:
         if self.stopping:
             sys.exit(128 + number)
         self.stopping = True
+        # Of a signal to the whole group what reads ahead dies, too. PyTorch's handler would then raise an error wherever the
+        # program is, in the middle of saving as well.
+        signal.signal(signal.SIGCHLD, lambda *_: None)
         self.say('stopping after this step; once more: at once', keep=True)
 
     @staticmethod
