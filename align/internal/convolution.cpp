@@ -49,11 +49,11 @@ struct Tiles {
 uint32_t product_lanes(engine::DeviceType type) { return type == engine::DeviceType::cpu ? 8 : 64; }
 static_assert(ICLK_WINOGRAD_TILES == 4, "an invocation has the tiles of 2x2 sub-grids");
 
-// Of a fused step. A workgroup is a subgroup: eight lanes, as on every CPU.
-uint64_t group_tiles() { return ICLK_WINOGRAD_TILES * product_lanes(engine::DeviceType::cpu); }
+// Tiles that a workgroup of the products takes.
+uint64_t group_tiles(uint32_t lanes) { return static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * lanes; }
 uint64_t tile_texels(const ConvStep& step) { return static_cast<uint64_t>(positions(step.variant)) * step.in.planes(); }
 uint64_t fused_texels(const ConvStep& step) {
-  return ICLK_FUSED_WORK_TEXELS + ICLK_FUSED_SLOTS * group_tiles() * tile_texels(step);
+  return ICLK_FUSED_WORK_TEXELS + ICLK_FUSED_SLOTS * group_tiles(product_lanes(engine::DeviceType::cpu)) * tile_texels(step);
 }
 
 // Blocks of output channels that an item of a fused step may have; 0: none. lavapipe ends the loops of an invocation after
@@ -156,7 +156,7 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context
 
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
   if (!of_whole_tiles(step.variant)) return 0;
-  const uint64_t tile = tile_texels(step), group = ICLK_WINOGRAD_TILES * product_lanes(type);
+  const uint64_t tile = tile_texels(step), group = group_tiles(product_lanes(type));
   const uint64_t wanted = (Tiles(step, product_lanes(type)).all + group - 1) / group * group;
   return tile * std::clamp(most / tile / group * group, group, wanted);
 }
@@ -174,7 +174,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
   const Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
   const Tiles tiles(step, product_lanes_);
   const TensorLayout& to = step.reduced ? step.half : step.out;
-  const uint64_t group = static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * product_lanes_, groups = (tiles.all + group - 1) / group;
+  const uint64_t group = group_tiles(product_lanes_), groups = (tiles.all + group - 1) / group;
   shaders::WinogradPush push{};
   push.width = step.out.width;
   push.height = step.out.height;
