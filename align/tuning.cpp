@@ -61,8 +61,8 @@ std::vector<internal::ConvStep> steps_of(const ConvShape& shape, const engine::C
   std::vector<internal::ConvStep> steps;
   for (ConvVariant variant : kVariants) {
     step.variant = variant;
-    step.reduced = shape.last && internal::can_reduce(step);
     step.fused = internal::can_fuse(step, context);
+    step.reduced = shape.last && internal::can_reduce(step);
     steps.push_back(step);
   }
   return steps;

@@ -70,6 +70,11 @@ struct ConvPush {
   uint in_pitch, in_plane, in_image, in_planes;
   uint out_offset, out_pitch, out_plane, out_image, out_planes;
   uint weights, bias;  // in the network's weights
+  // winograd4x1_fused: what an item of work has, in workgroups' widths and blocks of output channels.
+  uint item_steps, item_blocks;
+  // A layer that is reduced: its out_* are those of the 2x2 means.
+  uint halves;  // 0: they are not asked for
+  uint sums;    // texels of single precision before the sums over channels
   // Patches: an image is a patch of a level, and what lies outside the level is zero.
   uint margin;  // the first pixel of the output lies so far before that of the patch
   uint level_width, level_height;

@@ -2,9 +2,7 @@
 // slot of the scratch memory, and multiplies them. The next workgroup of the thread has the same slot, which thereby stays in
 // the cache of its core.
 //
-// Workgroups take items of work from a counter, because lavapipe deals workgroups out before the first one runs: there are
-// more of them than items, and those of a thread that is held up find none left. An item is some blocks of output channels of a
-// group of tiles. A workgroup is one subgroup, so that nobody waits.
+// An item of work (work_items.glsl) is some blocks of output channels of a group of tiles.
 // Groups: any number from that of the items on.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -26,11 +24,7 @@ layout(set = 0, binding = 4) uniform samplerBuffer activations;
 #include "winograd_transform.glsl"
 #include "winograd_sums.glsl"
 
-uint take_item() {
-  uint item = 0u;
-  if (gl_SubgroupInvocationID == 0u) item = atomicAdd(work[0], 1u);
-  return subgroupShuffle(item, 0u);
-}
+#include "work_items.glsl"
 
 // The first that is free: there are as many as lavapipe has threads, and few are ever touched.
 uint take_slot() {

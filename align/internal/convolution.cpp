@@ -21,6 +21,7 @@
 #include "winograd4_product.comp.spv.h"
 #include "winograd4_product_plain.comp.spv.h"
 #include "winograd4x1.comp.spv.h"
+#include "winograd4x1_fused.comp.spv.h"
 #include "winograd4x1_plain.comp.spv.h"
 
 namespace iclk::internal {
@@ -53,6 +54,7 @@ static_assert(ICLK_WINOGRAD_TILES == 4, "an invocation has the tiles of 2x2 sub-
 uint64_t group_tiles(uint32_t lanes) { return static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * lanes; }
 uint64_t tile_texels(const ConvStep& step) { return static_cast<uint64_t>(positions(step.variant)) * step.in.planes(); }
 uint64_t fused_texels(const ConvStep& step) {
+  if (!of_whole_tiles(step.variant)) return ICLK_FUSED_WORK_TEXELS;
   return ICLK_FUSED_WORK_TEXELS + ICLK_FUSED_SLOTS * group_tiles(product_lanes(engine::DeviceType::cpu)) * tile_texels(step);
 }
 
@@ -73,6 +75,13 @@ uint32_t item_blocks(const ConvStep& step, uint64_t groups) {
   return static_cast<uint32_t>(std::min(most_item_blocks(step), (blocks + parts - 1) / parts));
 }
 
+// Which kernel of winograd4x1_fused.
+size_t fused_column(const ConvStep& step) { return step.reduced ? 1 + (step.dilation % 2 == 0) : 0; }
+
+// What an item of winograd4x1_fused has: planes of input x blocks of output x workgroups' widths that take some 25 us together,
+// so that a dispatch ends with all threads, and what an item costs by itself does not show.
+constexpr uint32_t kItemWork = 32;
+
 }  // namespace
 
 uint64_t TensorLayout::texels() const {
@@ -80,13 +89,16 @@ uint64_t TensorLayout::texels() const {
   return offset() + static_cast<uint64_t>(plane()) * planes() * images + beyond;
 }
 
-bool can_reduce(const ConvStep& step) { return of_whole_tiles(step.variant) && step.dilation % 2 == 0; }
+bool can_reduce(const ConvStep& step) {
+  if (step.variant == ConvVariant::winograd4x1 && step.fused && step.dilation == 1) return true;
+  return (of_whole_tiles(step.variant) || (step.variant == ConvVariant::winograd4x1 && step.fused)) && step.dilation % 2 == 0;
+}
 
 bool can_fuse(const ConvStep& step, const engine::Context& context) {
   const VkPhysicalDeviceLimits& limits = context.limits();
-  return of_whole_tiles(step.variant) && context.info().type == engine::DeviceType::cpu && can_shuffle(context.info()) &&
+  return step.variant != ConvVariant::direct && context.info().type == engine::DeviceType::cpu && can_shuffle(context.info()) &&
          fused_texels(step) <= std::min<uint64_t>(limits.maxStorageBufferRange / 16, limits.maxTexelBufferElements) &&
-         most_item_blocks(step) > 0;
+         (!of_whole_tiles(step.variant) || most_item_blocks(step) > 0);
 }
 
 ChannelSums channel_sums(const ConvStep& step, Precision precision) {
@@ -128,7 +140,16 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   const auto choose = [&](Spirv shared, Spirv plain) { return shuffle ? shared : plain; };
   for (const ConvStep& step : steps) switch (step.variant) {
       case ConvVariant::direct: columns(direct_, choose(conv_direct_comp_spv, conv_direct_plain_comp_spv)); break;
-      case ConvVariant::winograd4x1: columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv)); break;
+      case ConvVariant::winograd4x1:
+        if (step.fused)
+          wanted[&fused_column_[fused_column(step)]] = {"encode",
+                                                        winograd4x1_fused_comp_spv,
+                                                        {texel_read, texel_read, storage_write, storage_read_write},
+                                                        sizeof(shaders::ConvPush),
+                                                        {product_lanes_, half, step.reduced, fused_column(step) == 2}};
+        else
+          columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
+        break;
       case ConvVariant::winograd2:
         winograd(step, winograd2_input_comp_spv, choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv),
                  winograd2_fused_comp_spv);
@@ -166,7 +187,7 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
   if (of_whole_tiles(step.variant))
     record_tiles(recorder, step, in, weights, out, scratch);
   else
-    record_columns(recorder, step, in, weights, out);
+    record_columns(recorder, step, in, weights, out, scratch);
 }
 
 void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
@@ -221,7 +242,9 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
 }
 
 void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
-                                 const engine::Buffer& weights, const engine::Buffer& out) const {
+                                 const engine::Buffer& weights, const engine::Buffer& out,
+                                 const engine::Buffer& scratch) const {
+  const TensorLayout& to = step.reduced ? step.half : step.out;
   shaders::ConvPush push{};
   push.width = step.out.width;
   push.height = step.out.height;
@@ -232,13 +255,30 @@ void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& ste
   push.in_plane = step.in.plane();
   push.in_image = step.in.image();
   push.in_planes = step.in.planes();
-  push.out_offset = step.out.offset();
-  push.out_pitch = step.out.pitch();
-  push.out_plane = step.out.plane();
-  push.out_image = step.out.image();
+  push.out_offset = to.offset();
+  push.out_pitch = to.pitch();
+  push.out_plane = to.plane();
+  push.out_image = to.image();
   push.out_planes = step.out.planes();
   push.weights = step.packed.weights;
   push.bias = step.packed.bias;
+  if (step.fused) {
+    const uint32_t blocks = engine::groups_for(step.out.channels, kBlock), planes = push.in_planes;
+    push.halves = step.half.width > 0 && step.half.height > 0;
+    push.sums = step.reduced ? channel_sums(step, precision_).offset : 0;
+    push.item_blocks = std::clamp(kItemWork / planes, 1u, blocks);
+    push.item_steps = std::max(kItemWork / (planes * push.item_blocks), 1u);
+    // Two tiles of a column: one below the other, or of two phases.
+    const bool paired = fused_column(step) == 2;
+    const uint32_t phases = paired ? step.dilation / 2 : step.dilation,
+                   rows = (paired ? 4 : 4 * ICLK_COLUMN_TILES) * step.dilation;
+    const uint32_t chunks = engine::groups_for(push.width, product_lanes_ * push.item_steps);
+    const uint64_t items = static_cast<uint64_t>(engine::groups_for(push.height, rows)) * phases * push.images * chunks *
+                           engine::groups_for(blocks, push.item_blocks);
+    recorder.fill(scratch, 0, 0, 16 * ICLK_FUSED_WORK_TEXELS);
+    recorder.dispatch(fused_column_[fused_column(step)], {&in, &weights, &out, &scratch}, push, spread(1, 2 * items, 1));
+    return;
+  }
   const bool direct = step.variant == ConvVariant::direct;
   const uint32_t tall = direct ? ICLK_CONV_ROWS : 4 * ICLK_COLUMN_TILES;
   const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, tall * push.dilation)) * push.dilation;
@@ -258,6 +298,8 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
   size.add(border_, 2);
   if (direct_) size.add(direct_, 2);
   if (column_) size.add(column_, 2);
+  for (const engine::Kernel& kernel : fused_column_)
+    if (kernel) size.add(kernel, 2);
   for (const Winograd& w : winograd_) {
     if (w.input) size.add(w.input, 2);
     for (const engine::Kernel* kernel : {&w.product[0], &w.product[1], &w.fused[0], &w.fused[1]})
@@ -270,7 +312,8 @@ uint64_t conv_shader_hash() {
   const std::span<const uint32_t> all[] = {
       conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd2_fused_comp_spv, winograd2_input_comp_spv,
       winograd2_product_comp_spv, winograd2_product_plain_comp_spv, winograd4_fused_comp_spv, winograd4_input_comp_spv,
-      winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,     winograd4x1_plain_comp_spv};
+      winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,
+      winograd4x1_plain_comp_spv};
   for (const auto& words : all)
     for (uint32_t word : words) hash = (hash ^ word) * 0x100000001b3u;
   return hash;

@@ -37,17 +37,16 @@ struct ConvStep {
   PackedLayer packed;
   /// Of a level's last layer: the next level's input, 2x2 means of `out`; no pixels where there is no next level.
   TensorLayout half;
+  /// Precondition: can_fuse(). One kernel does everything, and its workgroups take their work from a counter.
+  bool fused = false;
   /// Precondition: can_reduce(). The step writes `half`, and channel_sums() behind it, instead of `out`.
   bool reduced = false;
-  /// Precondition: can_fuse(). One kernel transforms tiles and multiplies them, not two one after the other.
-  bool fused = false;
 };
 
-/// The step's variant can spare writing its output.
+/// The step's variant, fused or not, can spare writing its output.
 bool can_reduce(const ConvStep& step);
 
-/// Transformed tiles can stay in the cache of the core that multiplies them: the step's variant has such, and the device is a
-/// CPU with shuffles (see can_shuffle()), whose limits they keep.
+/// The device is a CPU with shuffles (see can_shuffle()), the step's variant has a kernel for such, and its limits are kept.
 bool can_fuse(const ConvStep& step, const engine::Context& context);
 
 /// What a reduced step leaves for the map: sums over eight channels each, a vec4 for 2x2 pixels. All in vec4.
@@ -88,14 +87,14 @@ class ConvKernels {
 
  private:
   void record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
-                      const engine::Buffer& out) const;
-
+                      const engine::Buffer& out, const engine::Buffer& scratch) const;
   void record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
                     const engine::Buffer& out, const engine::Buffer& scratch) const;
 
   Precision precision_;
   uint32_t direct_lanes_, product_lanes_;
   engine::Kernel border_, direct_, column_;
+  engine::Kernel fused_column_[3];  // whole; reduced; reduced with an even dilation
   struct Winograd {
     engine::Kernel input, product[2], fused[2];  // [1]: reduced
   } winograd_[2];                                // of tiles of 2x2 and 4x4

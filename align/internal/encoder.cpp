@@ -19,10 +19,11 @@ constexpr uint64_t kPassBytes = 192ull << 20;
 
 Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
                  uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning, Precision precision,
-                 uint64_t most_bytes)
+                 uint64_t most_bytes, bool shuffle)
     : model_(std::move(model)),
       format_(plan.format),
       precision_(precision),
+      shuffle_(shuffle && can_shuffle(context.info())),
       row_pixels_(layout.row_pixels()),
       pixel_words_(layout.pixel_words),
       map_stride_(layout.map_stride),
@@ -43,8 +44,8 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       step.variant = tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
                                     static_cast<int>(step.in.height), precision_, last});
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
+      step.fused = shuffle_ && can_fuse(step, context);
       step.reduced = last && can_reduce(step);
-      step.fused = can_fuse(step, context);
       weights += packed_texels(layer, step.variant);
       level.steps.push_back(step);
       TensorLayout& border = level.borders[i % 2];
@@ -100,7 +101,7 @@ std::array<uint64_t, 2> Encoder::activation_texels() const {
   return texels;
 }
 
-void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle) {
+void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory) {
   using enum engine::BindingKind;
   const uint32_t half = precision_ == Precision::fp16;
   std::vector<ConvStep> steps;
@@ -108,7 +109,6 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
   for (size_t l = 0; l < levels_.size(); ++l)
     for (size_t i = 0; i < levels_[l].steps.size(); ++i) {
       ConvStep& step = levels_[l].steps[i];
-      step.fused = step.fused && shuffle;
       step.packed = packed.add(model_->encoder[l][i], step.variant);
       steps.push_back(step);
     }
@@ -129,7 +129,7 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  {storage_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
                  {kLanes, half, format, channels, by_image()}}};
-  convolutions_.emplace(context, steps, shuffle, precision_);
+  convolutions_.emplace(context, steps, shuffle_, precision_);
   feature_maps_.emplace(context, precision_);
 }
 

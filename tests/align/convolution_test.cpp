@@ -198,10 +198,11 @@ TEST_P(ReducedConvolution, MakesMeansAndSumsOfThePlainOne) {
   }
 }
 
-constexpr Way kWays[] = {{ConvVariant::direct, true},          {ConvVariant::direct, false},   {ConvVariant::winograd4x1, true},
-                         {ConvVariant::winograd4x1, false},    {ConvVariant::winograd2, true}, {ConvVariant::winograd2, false},
-                         {ConvVariant::winograd2, true, true}, {ConvVariant::winograd4, true}, {ConvVariant::winograd4, false},
-                         {ConvVariant::winograd4, true, true}};
+constexpr Way kWays[] = {
+    {ConvVariant::direct, true},       {ConvVariant::direct, false},           {ConvVariant::winograd4x1, true},
+    {ConvVariant::winograd4x1, false}, {ConvVariant::winograd4x1, true, true}, {ConvVariant::winograd2, true},
+    {ConvVariant::winograd2, false},   {ConvVariant::winograd2, true, true},   {ConvVariant::winograd4, true},
+    {ConvVariant::winograd4, false},   {ConvVariant::winograd4, true, true}};
 
 std::string test_name(const testing::TestParamInfo<std::tuple<Way, Shape>>& info) {
   const auto& [way, s] = info.param;
@@ -233,12 +234,17 @@ INSTANTIATE_TEST_SUITE_P(Deep, Convolution,
                                           testing::Values(Shape{16, 16, 256, 480, 16}, Shape{16, 16, 256, 968, 16})),
                          test_name);
 
-// Odd sizes, where means are of fewer pixels than maps; even dilations alone can be reduced.
+// Odd sizes, where means are of fewer pixels than maps; of odd dilations winograd4x1_fused can reduce 1.
 INSTANTIATE_TEST_SUITE_P(Winograd, ReducedConvolution,
                          testing::Combine(testing::ValuesIn(std::span(kWays).subspan(4)),
                                           testing::Values(Shape{47, 30, 32, 32, 2}, Shape{23, 15, 64, 64, 2, 2},
                                                           Shape{11, 7, 128, 128, 2}, Shape{1, 1, 1, 1, 2}, Shape{2, 9, 5, 7, 2},
                                                           Shape{16, 16, 4, 8, 4}, Shape{33, 19, 6, 13, 6, 3})),
+                         test_name);
+INSTANTIATE_TEST_SUITE_P(Undilated, ReducedConvolution,
+                         testing::Combine(testing::Values(Way{ConvVariant::winograd4x1, true, true}),
+                                          testing::Values(Shape{47, 30, 3, 8, 1}, Shape{193, 129, 3, 16, 1, 2}, Shape{1, 1, 1, 1, 1},
+                                                          Shape{9, 8, 64, 60, 1, 3}, Shape{2, 2, 5, 7, 1})),
                          test_name);
 
 }  // namespace

@@ -45,10 +45,10 @@ struct DeviceEncoder {
     const auto pixels = memory_plan.add("pixels", image_bytes * n, engine::MemoryKind::upload, engine::BufferUse::storage);
     const auto maps = memory_plan.add("maps", 4ull * layout.map_stride * n, engine::MemoryKind::device,
                                       engine::BufferUse::storage | engine::BufferUse::texel, VK_FORMAT_R32_SFLOAT);
-    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, tuning, precision, most_bytes);
+    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, tuning, precision, most_bytes, shuffle);
     EXPECT_EQ(encoder.images_per_pass(), pass);
     const engine::Workspace memory(context, memory_plan);
-    encoder.load(context, memory, shuffle);
+    encoder.load(context, memory);
     for (uint32_t i = 0; i < n; ++i)
       internal::convert_pixels(images[i], plan.format, layout.row_pixels(),
                                static_cast<uint8_t*>(memory[pixels].mapped) + image_bytes * i);
