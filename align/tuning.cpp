@@ -121,6 +121,7 @@ class Trial {
     for (const internal::ConvStep& s : steps) {
       engine::Submission& submission = submissions_.emplace_back(context);
       engine::Recorder recorder(*context, submission.begin(), *arena_);
+      if (s.fused) kernels.convolutions.record_start(recorder, (*memory_)[scratch]);
       kernels.convolutions.record(recorder, s, (*memory_)[x], (*memory_)[w], (*memory_)[y], (*memory_)[scratch]);
       const uint32_t width = s.out.width, height = s.out.height;
       if (shape.last)

@@ -18,16 +18,18 @@ void main() {
   uint base = (push.first_image + image) * push.pixel_stride, width = push.width, row_pixels = push.row_pixels;
   bool luma_only = CHANNELS == 1u;
   // Deviations from one of the values, so that no digits are lost where all of them are large.
-  float shift = 0.0, sum = 0.0, squares = 0.0;
+  float shift = FLOATS ? 0.0 : 0.5, sum = 0.0, squares = 0.0;
   uint count = 0u;
   for (uint v = first; v < end; ++v)
     for (uint u = lane; u < width; u += gl_WorkGroupSize.x) {
       vec3 c = colour(base, v * row_pixels + u);
       if (luma_only) c = vec3(luma(c));
       vec3 size = abs(c);
-      bool counts = size.x < ICLK_LARGEST_PIXEL && size.y < ICLK_LARGEST_PIXEL && size.z < ICLK_LARGEST_PIXEL;
-      if (!counts) continue;  // nor does NaN
-      if (count == 0u) shift = c.x;
+      if (FLOATS) {
+        bool counts = size.x < ICLK_LARGEST_PIXEL && size.y < ICLK_LARGEST_PIXEL && size.z < ICLK_LARGEST_PIXEL;
+        if (!counts) continue;  // nor does NaN
+        if (count == 0u) shift = c.x;
+      }
       vec3 d = c - shift;
       sum += luma_only ? d.x : d.x + d.y + d.z;
       squares += luma_only ? d.x * d.x : dot(d, d);

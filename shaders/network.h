@@ -20,18 +20,17 @@ using uint = uint32_t;
 #define ICLK_WINOGRAD_TILES 4
 
 // winograd_fused: slots for transformed tiles, as many as lavapipe has threads at most (LP_MAX_THREADS). Before them in the
-// scratch memory one word each for the items of work that are taken and for each slot, on cache lines of their own.
+// scratch memory one word each for the items of work that a dispatch has taken and for each slot, on cache lines of their own.
 #define ICLK_FUSED_SLOTS 32
+#define ICLK_WORK_COUNTERS 64
 #define ICLK_WORK_WORDS 16
-#define ICLK_FUSED_WORK_TEXELS ((ICLK_FUSED_SLOTS + 1) * ICLK_WORK_WORDS / 4)
+#define ICLK_FUSED_WORK_TEXELS ((ICLK_WORK_COUNTERS + ICLK_FUSED_SLOTS) * ICLK_WORK_WORDS / 4)
 
 // F(4x4, 3x3) interpolates at 0, +-A, +-B and infinity. With 1 and 2, which most use, rounding errors
 // are three to eight times as large; with these they are below twice those of the direct convolution.
 #define ICLK_WINOGRAD_A 0.70710678
 #define ICLK_WINOGRAD_B 1.41421356
 
-// Pixels of a row that an invocation of normalise.comp takes: what it reads once costs lavapipe more than a pixel does.
-#define ICLK_NORMALISE_PIXELS 4
 // Strips of rows of which image_moments.comp finds mean and deviation.
 #define ICLK_LIGHT_STRIPS 32
 // Of an image that is normalised by itself, 1 / 255 of the range: less is no texture but rounding.
@@ -60,7 +59,8 @@ struct NormalisePush {
 struct BorderPush {
   uint height;  // of a plane without its border
   uint offset, pitch, plane;
-  uint width;  // of the border
+  uint width;      // of the border
+  uint planes[2];  // in either buffer; 0: nothing lies there
 };
 
 struct ConvPush {
@@ -70,8 +70,8 @@ struct ConvPush {
   uint in_pitch, in_plane, in_image, in_planes;
   uint out_offset, out_pitch, out_plane, out_image, out_planes;
   uint weights, bias;  // in the network's weights
-  // winograd4x1_fused: what an item of work has, in workgroups' widths and blocks of output channels.
-  uint item_steps, item_blocks;
+  // winograd4x1_fused: what an item of work has, in workgroups' widths and blocks of output channels, and which counter.
+  uint item_steps, item_blocks, counter;
   // A layer that is reduced: its out_* are those of the 2x2 means.
   uint halves;  // 0: they are not asked for
   uint sums;    // texels of single precision before the sums over channels
@@ -90,7 +90,8 @@ struct WinogradPush {
   uint first_tile, tiles;  // of this strip
   uint strip;              // tiles that the strip has room for
   uint lane_bits;          // binary logarithm of the product's lanes, see winograd_tile.glsl
-  uint item_blocks;        // winograd_fused: blocks of output channels of an item of work
+  // winograd_fused: blocks of output channels of an item of work, and which counter.
+  uint item_blocks, counter;
   // A product that is reduced: its out_* are those of the 2x2 means.
   uint halves;  // 0: they are not asked for
   uint sums;    // texels of single precision before the sums over channels

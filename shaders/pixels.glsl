@@ -6,6 +6,7 @@ layout(constant_id = 3) const uint CHANNELS = 3;  // that the model takes: 3, or
 #endif
 layout(set = 0, binding = PIXELS_BINDING, std430) readonly buffer Pixels { uint pixels[]; };
 
+const bool FLOATS = FORMAT == ICLK_FORMAT_R32F || FORMAT == ICLK_FORMAT_RGBA32F;
 const bool GREY = FORMAT == ICLK_FORMAT_R8 || FORMAT == ICLK_FORMAT_R32F;
 const vec3 LUMA = vec3(ICLK_LUMA_R, ICLK_LUMA_G, ICLK_LUMA_B);
 

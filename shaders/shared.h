@@ -54,7 +54,9 @@ using uint = uint32_t;
 #define ICLK_SEARCH_CELLS 3.4
 #define ICLK_SEARCH_STARTS 675   // at most: 15 x 15 with three rolls
 #define ICLK_SEARCH_FEATURES 96  // of more, so many take part, evenly out of their list
-#define ICLK_SEARCH_WHOLE 64     // of more, every second row of a patch: at the coarsest level patches lie on one another
+// Of more features than these every second and every fourth row of a patch: at the coarsest level patches lie on one another.
+#define ICLK_SEARCH_WHOLE 24
+#define ICLK_SEARCH_HALF 64
 
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0

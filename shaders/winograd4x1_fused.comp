@@ -58,7 +58,7 @@ void write_reduced(uint block, vec4 acc[T][6][2], int image, int x, int y) {
 
 void main() {
   push = constants;
-  uint item = take_item();
+  uint item = take_item(push.counter);
   int width = int(push.width), dilation = int(push.dilation), lanes = int(gl_WorkGroupSize.x);
   uint blocks = (push.out_planes + 1u) / 2u, parts = (blocks + push.item_blocks - 1u) / push.item_blocks;
   uint steps = (push.width + gl_WorkGroupSize.x - 1u) / gl_WorkGroupSize.x;

@@ -15,7 +15,7 @@
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0, rgba32f) spirv_decorate(ALIASED) coherent readonly uniform imageBuffer transformed;
 layout(set = 0, binding = 1, rgba32f) readonly uniform imageBuffer weights;
-// Words of ICLK_WORK_WORDS each: how many items are taken; of each slot, 1 while it is taken. All 0 in the beginning.
+// The counters (work_items.glsl), and of each slot 1 while it is taken.
 spirv_decorate(ALIASED) layout(set = 0, binding = 3, std430) coherent buffer Work { uint work[]; };
 spirv_decorate(ALIASED) layout(set = 0, binding = 3, std430) coherent writeonly buffer Slots { vec4 transformed_out[]; };
 layout(set = 0, binding = 4) uniform samplerBuffer activations;
@@ -28,11 +28,11 @@ layout(set = 0, binding = 4) uniform samplerBuffer activations;
 
 // The first that is free: there are as many as lavapipe has threads, and few are ever touched.
 uint take_slot() {
-  uint slot = 0u, taken;
+  uint slot = ICLK_FUSED_SLOTS - 1u, taken;
   do {
-    slot = slot == ICLK_FUSED_SLOTS ? 1u : slot + 1u;
+    slot = slot == ICLK_FUSED_SLOTS - 1u ? 0u : slot + 1u;
     taken = 0u;
-    if (gl_SubgroupInvocationID == 0u) taken = atomicExchange(work[slot * ICLK_WORK_WORDS], 1u);
+    if (gl_SubgroupInvocationID == 0u) taken = atomicExchange(work[(ICLK_WORK_COUNTERS + slot) * ICLK_WORK_WORDS], 1u);
   } while (subgroupShuffle(taken, 0u) != 0u);
   memoryBarrier();
   return slot;
@@ -40,18 +40,18 @@ uint take_slot() {
 
 void leave_slot(uint slot) {
   memoryBarrier();
-  if (gl_SubgroupInvocationID == 0u) atomicExchange(work[slot * ICLK_WORK_WORDS], 0u);
+  if (gl_SubgroupInvocationID == 0u) atomicExchange(work[(ICLK_WORK_COUNTERS + slot) * ICLK_WORK_WORDS], 0u);
 }
 
 void main() {
   push = constants;
   const int lanes = int(gl_WorkGroupSize.x), strip = lanes * T;
-  uint item = take_item(), groups = (push.tiles + uint(strip) - 1u) / uint(strip);
+  uint item = take_item(push.counter), groups = (push.tiles + uint(strip) - 1u) / uint(strip);
   uint parts = (blocks() + push.item_blocks - 1u) / push.item_blocks;
   if (item >= groups * parts) return;
   uint slot = take_slot(), group = item / parts;
   int first = int(group) * strip + int(gl_LocalInvocationIndex), planes = int(push.in_planes);
-  int at = ICLK_FUSED_WORK_TEXELS + int(slot - 1u) * strip * planes * (M * M) + int(gl_LocalInvocationIndex);
+  int at = ICLK_FUSED_WORK_TEXELS + int(slot) * strip * planes * (M * M) + int(gl_LocalInvocationIndex);
   int t = 0;
   do {
     int index = first + t * lanes;

@@ -120,7 +120,8 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   using Spirv = std::span<const uint32_t>;
   const uint32_t half = precision == Precision::fp16;
   std::map<engine::Kernel*, engine::KernelDescription> wanted;
-  wanted[&border_] = {"encode", conv_border_comp_spv, {storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}};
+  wanted[&border_] = {
+      "encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}};
   const auto columns = [&](engine::Kernel& kernel, Spirv spirv) {
     wanted[&kernel] = {
         "encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), {direct_lanes_, half}};
@@ -223,7 +224,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
     push.item_blocks = item_blocks(step, groups);
     const uint32_t blocks = engine::groups_for(step.out.channels, kBlock);
     // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
-    recorder.fill(scratch, 0, 0, 16 * ICLK_FUSED_WORK_TEXELS);
+    push.counter = step.counter;
     recorder.dispatch(kernels.fused[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
                       spread(1, 2 * groups * engine::groups_for(blocks, push.item_blocks), 1));
     return;
@@ -275,7 +276,7 @@ void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& ste
     const uint32_t chunks = engine::groups_for(push.width, product_lanes_ * push.item_steps);
     const uint64_t items = static_cast<uint64_t>(engine::groups_for(push.height, rows)) * phases * push.images * chunks *
                            engine::groups_for(blocks, push.item_blocks);
-    recorder.fill(scratch, 0, 0, 16 * ICLK_FUSED_WORK_TEXELS);
+    push.counter = step.counter;
     recorder.dispatch(fused_column_[fused_column(step)], {&in, &weights, &out, &scratch}, push, spread(1, 2 * items, 1));
     return;
   }
@@ -286,11 +287,18 @@ void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& ste
                     spread(engine::groups_for(step.out.channels, kBlock), rows * push.width * push.images, direct_lanes_));
 }
 
-void ConvKernels::record_border(engine::Recorder& recorder, const TensorLayout& layout, const engine::Buffer& out) const {
-  shaders::BorderPush push{layout.height, layout.offset(), layout.pitch(), layout.plane(), layout.border};
-  recorder.dispatch(border_, {&out}, push,
-                    {engine::groups_for((layout.height + layout.pitch()) * layout.border, kBorderLanes),
-                     1 + layout.planes() * layout.images, 1});
+void ConvKernels::record_start(engine::Recorder& recorder, const engine::Buffer& scratch) const {
+  recorder.fill(scratch, 0, 0, 16 * ICLK_FUSED_WORK_TEXELS);
+}
+
+void ConvKernels::record_borders(engine::Recorder& recorder, const TensorLayout& in_first, const TensorLayout& in_second,
+                                 const engine::Buffer& first, const engine::Buffer& second) const {
+  const uint32_t planes[] = {in_first.planes() * in_first.images, in_second.planes() * in_second.images};
+  const TensorLayout& any = planes[0] > 0 ? in_first : in_second;
+  const shaders::BorderPush push{any.height, any.offset(), any.pitch(), any.plane(), any.border, {planes[0], planes[1]}};
+  recorder.dispatch(border_, {&first, &second}, push,
+                    {engine::groups_for((any.height + any.pitch()) * any.border, kBorderLanes),
+                     1 + std::max(planes[0], planes[1]), planes[1] > 0 ? 2u : 1u});
 }
 
 void ConvKernels::add_to(engine::ArenaSize& size) const {

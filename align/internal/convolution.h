@@ -39,6 +39,8 @@ struct ConvStep {
   TensorLayout half;
   /// Precondition: can_fuse(). One kernel does everything, and its workgroups take their work from a counter.
   bool fused = false;
+  /// Of a fused step: its own since the last record_start().
+  uint32_t counter = 0;
   /// Precondition: can_reduce(). The step writes `half`, and channel_sums() behind it, instead of `out`.
   bool reduced = false;
 };
@@ -78,11 +80,15 @@ class ConvKernels {
   /// The same of a step that is not fused with at most `most` texels, unless that is too few for one strip.
   static uint64_t scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most);
 
+  /// Before fused steps: zeroes their counters in `scratch`, ICLK_WORK_COUNTERS of them.
+  void record_start(engine::Recorder& recorder, const engine::Buffer& scratch) const;
   /// in -> out. `scratch`: texels for the transformed tiles, as many as scratch_texels() says.
   void record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
               const engine::Buffer& out, const engine::Buffer& scratch) const;
-  /// Zeroes the border of `out`; record() leaves it as it is.
-  void record_border(engine::Recorder& recorder, const TensorLayout& layout, const engine::Buffer& out) const;
+  /// Zeroes the borders in two buffers of what has the same planes, but for their number; record() leaves them as they are.
+  /// A layout without channels: nothing is in that buffer.
+  void record_borders(engine::Recorder& recorder, const TensorLayout& in_first, const TensorLayout& in_second,
+                      const engine::Buffer& first, const engine::Buffer& second) const;
   void add_to(engine::ArenaSize& size) const;
 
  private:

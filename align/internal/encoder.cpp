@@ -24,6 +24,7 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       format_(plan.format),
       precision_(precision),
       shuffle_(shuffle && can_shuffle(context.info())),
+      normalising_(context.info().type == engine::DeviceType::cpu ? Normalising{8, 20} : Normalising{64, 4}),
       row_pixels_(layout.row_pixels()),
       pixel_words_(layout.pixel_words),
       map_stride_(layout.map_stride),
@@ -128,7 +129,7 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  normalise_comp_spv,
                  {storage_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
-                 {kLanes, half, format, channels, by_image()}}};
+                 {normalising_.lanes, half, format, channels, by_image(), normalising_.pixels}}};
   convolutions_.emplace(context, steps, shuffle_, precision_);
   feature_maps_.emplace(context, precision_);
 }
@@ -186,23 +187,27 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
     n.inverse_std[c] = 1 / model_->std[c];
   }
   const auto record_borders = [&](const Level& level, size_t at) {
-    for (TensorLayout border : level.borders) {
-      border.images = count;
-      convolutions_->record_border(recorder, border, buffer(at++));
-    }
+    TensorLayout first = level.borders[0], second = level.borders[1];
+    first.images = second.images = count;
+    convolutions_->record_borders(recorder, first, second, buffer(at), buffer(at + 1));
   };
   record_borders(levels_[0], 0);
   for (const Part& part : parts) {
     n.first_image = part.first;
     n.at = part.at;
     recorder.dispatch(normalise_, {part.pixels, &buffer(0), &memory[light_]}, n,
-                      {engine::groups_for(n.width, kLanes * ICLK_NORMALISE_PIXELS), n.height, part.count});
+                      {engine::groups_for(n.width, normalising_.lanes * normalising_.pixels), n.height, part.count});
   }
+  uint32_t fused = 0;
   for (size_t l = 0; l < levels_.size(); ++l) {
     const Level& level = levels_[l];
     ConvStep step;
     for (const ConvStep& each : level.steps) {
       step = each;
+      if (step.fused) {
+        step.counter = fused++ % ICLK_WORK_COUNTERS;
+        if (step.counter == 0) convolutions_->record_start(recorder, memory[scratch_]);
+      }
       step.in.images = step.out.images = step.half.images = count;
       convolutions_->record(recorder, step, buffer(place), memory[weights_], buffer(place + 1), memory[scratch_]);
       ++place;

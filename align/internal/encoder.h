@@ -63,6 +63,10 @@ class Encoder {
   PixelFormat format_;
   Precision precision_;
   bool shuffle_;
+  // Lanes of a workgroup of normalise.comp, and pixels of each: lavapipe reads what they share in the time that many take.
+  struct Normalising {
+    uint32_t lanes, pixels;
+  } normalising_;
   uint32_t row_pixels_, pixel_words_, map_stride_;
   Tiling tiling_;
   std::vector<Level> levels_;

@@ -15,7 +15,8 @@ FeatureMaps::FeatureMaps(std::shared_ptr<const engine::Context> context, Precisi
   constexpr uint32_t bytes = sizeof(shaders::FeatureMapPush);
   const uint32_t half = precision == Precision::fp16;
   whole_ = {context, {"encode", feature_map_comp_spv, {texel_read, storage_write, storage_write}, bytes, {kLanes, half}}};
-  sums_ = {context, {"encode", feature_sums_comp_spv, {storage_read, storage_write}, bytes, {kLanes}}};
+  for (const uint32_t whole : {0u, 1u})
+    sums_[whole] = {context, {"encode", feature_sums_comp_spv, {storage_read, storage_write}, bytes, {kLanes, whole}}};
 }
 
 void FeatureMaps::record(engine::Recorder& recorder, const ConvStep& last, uint32_t at, uint32_t count,
@@ -41,7 +42,10 @@ void FeatureMaps::record(engine::Recorder& recorder, const ConvStep& last, uint3
     push.in_plane = sums.plane;
     push.in_image = sums.image();
     push.in_planes = sums.planes;
-    recorder.dispatch(sums_, {&made, target.maps}, push, groups);
+    const bool whole = (target.offset | target.pitch | target.stride | target.first_u) % 4 == 0 &&
+                       (target.end_u % 4 == 0 || target.end_u == in.width);
+    recorder.dispatch(sums_[whole], {&made, target.maps}, push,
+                      {engine::groups_for((in.width + 3) / 4, kLanes), groups.y, groups.z});
     return;
   }
   push.in_offset = in.offset() + at * in.image();
@@ -59,7 +63,7 @@ void FeatureMaps::record(engine::Recorder& recorder, const ConvStep& last, uint3
 
 void FeatureMaps::add_to(engine::ArenaSize& size, uint32_t sources) const {
   size.add(whole_, 2 * sources);
-  size.add(sums_, 2 * sources);
+  for (const engine::Kernel& kernel : sums_) size.add(kernel, 2 * sources);
 }
 
 }  // namespace iclk::internal

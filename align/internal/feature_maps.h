@@ -11,7 +11,8 @@ class FeatureMaps {
  public:
   FeatureMaps(std::shared_ptr<const engine::Context> context, Precision precision);
 
-  /// The pixels [first, end) of a level that have a map, and where it lies. Floats.
+  /// The pixels [first, end) of a level that have a map, and where it lies. Floats. What a row has beyond, up to a multiple
+  /// of four floats, is overwritten if `end_u` is the step's width.
   struct Target {
     const engine::Buffer* maps;
     uint32_t offset, pitch, stride;  // of pixel (0, 0), from row to row, from image to image
@@ -27,7 +28,7 @@ class FeatureMaps {
 
  private:
   Precision precision_;
-  engine::Kernel whole_, sums_;
+  engine::Kernel whole_, sums_[2];  // [1]: of whole vec4
 };
 
 }  // namespace iclk::internal

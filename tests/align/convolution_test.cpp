@@ -111,8 +111,8 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes) {
   engine::DescriptorArena arena(context, size);
   engine::Submission submission(context);
   engine::Recorder recorder(*context, submission.begin(), arena);
-  kernels.record_border(recorder, step.in, memory[in]);
-  if (!step.reduced) kernels.record_border(recorder, step.out, memory[out]);
+  kernels.record_borders(recorder, step.in, step.reduced ? TensorLayout{} : step.out, memory[in], memory[out]);
+  if (step.fused) kernels.record_start(recorder, memory[scratch]);
   kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch]);
   recorder.host_read({&memory[out]});
   submission.end();
@@ -243,8 +243,9 @@ INSTANTIATE_TEST_SUITE_P(Winograd, ReducedConvolution,
                          test_name);
 INSTANTIATE_TEST_SUITE_P(Undilated, ReducedConvolution,
                          testing::Combine(testing::Values(Way{ConvVariant::winograd4x1, true, true}),
-                                          testing::Values(Shape{47, 30, 3, 8, 1}, Shape{193, 129, 3, 16, 1, 2}, Shape{1, 1, 1, 1, 1},
-                                                          Shape{9, 8, 64, 60, 1, 3}, Shape{2, 2, 5, 7, 1})),
+                                          testing::Values(Shape{47, 30, 3, 8, 1}, Shape{193, 129, 3, 16, 1, 2},
+                                                          Shape{1, 1, 1, 1, 1}, Shape{9, 8, 64, 60, 1, 3},
+                                                          Shape{2, 2, 5, 7, 1})),
                          test_name);
 
 }  // namespace
