@@ -63,9 +63,16 @@ std::vector<internal::ConvStep> steps_of(const ConvShape& shape, const engine::C
     step.variant = variant;
     step.fused = internal::can_fuse(step, context);
     step.reduced = shape.last && internal::can_reduce(step);
+    step.whole_map = true;
     steps.push_back(step);
   }
   return steps;
+}
+
+// As the finest levels have it, with rows of whole vec4.
+internal::MapPlace place_of(const internal::ConvStep& step) {
+  const uint32_t width = step.out.width, height = step.out.height, pitch = (width + 3) / 4 * 4;
+  return {0, pitch, pitch * height, 0, 0, width, height};
 }
 
 struct Kernels {
@@ -104,7 +111,7 @@ class Trial {
                y = add("tuning: output", std::max(step.out.texels(), reduced), Uses::kActivations, shape.precision),
                w = add("tuning: weights", packed.data().size() / 4, Uses::kWeights),
                scratch = add("tuning: tiles", tiles, Uses::kScratch),
-               map = plan.add("tuning: map", 4ull * step.out.width * step.out.height, engine::MemoryKind::device,
+               map = plan.add("tuning: map", 4ull * place_of(step).stride, engine::MemoryKind::device,
                               engine::BufferUse::storage);
     memory_.emplace(context, plan);
     internal::write_buffer(context, (*memory_)[w], packed.data());
@@ -122,11 +129,11 @@ class Trial {
       engine::Submission& submission = submissions_.emplace_back(context);
       engine::Recorder recorder(*context, submission.begin(), *arena_);
       if (s.fused) kernels.convolutions.record_start(recorder, (*memory_)[scratch]);
-      kernels.convolutions.record(recorder, s, (*memory_)[x], (*memory_)[w], (*memory_)[y], (*memory_)[scratch]);
-      const uint32_t width = s.out.width, height = s.out.height;
-      if (shape.last)
-        kernels.maps.record(recorder, s, 0, 1, (*memory_)[y], (*memory_)[x],
-                            {&(*memory_)[map], 0, width, width * height, 0, 0, 0, width, height});
+      const internal::MapPlace place = place_of(s);
+      const internal::MapPart part{&(*memory_)[map], 0, 1, 0};
+      kernels.convolutions.record(recorder, s, (*memory_)[x], (*memory_)[w], (*memory_)[y], (*memory_)[scratch], place,
+                                  std::span(&part, 1));
+      if (shape.last && !internal::writes_map(s)) kernels.maps.record(recorder, s, (*memory_)[y], (*memory_)[x], place, part);
       submission.end();
     }
   }

@@ -11,8 +11,8 @@ layout(set = 0, binding = 1) uniform samplerBuffer weights;
 #include "activations.glsl"
 #ifdef ITEMS
 // main() begins with push = constants: what is read where lanes part is read anew, and dearly, by lavapipe.
-layout(push_constant) uniform Push { ConvPush constants; };
-ConvPush push;
+layout(push_constant) uniform Push { ColumnPush constants; };
+ColumnPush push;
 layout(set = 0, binding = 3, std430) coherent buffer Work { uint work[]; };
 #else
 layout(push_constant) uniform Push { ConvPush push; };

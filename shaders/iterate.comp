@@ -30,14 +30,14 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "lm_step.glsl"
 #include "lm_state.glsl"
 
-// A search's share of the template, the same arithmetic as search.cpp: patches evenly out of their list, and of these some
-// rows.
+// A search's share of the template, the same arithmetic as search.cpp: patches evenly out of their list, and of these every
+// second row.
 float patch_step = 1.0;
-int thinned = 0;
+int halved = 0;
 
 void add_chosen(View view, int k, float weight) {
-  int chosen = k >> (6 - thinned), within = k & ((ICLK_PATCH_AREA >> thinned) - 1);
-  int number = int(float(chosen) * patch_step), row = (within / ICLK_PATCH << thinned) + (chosen & ((1 << thinned) - 1));
+  int chosen = k >> (6 - halved), within = k & ((ICLK_PATCH_AREA >> halved) - 1);
+  int number = int(float(chosen) * patch_step), row = (within / ICLK_PATCH << halved) + (chosen & halved);
   add_element(view, number * ICLK_PATCH_AREA + row * ICLK_PATCH + within % ICLK_PATCH, weight);
 }
 ICLK_DEFINE_SUM(add_all_chosen, add_chosen)
@@ -74,8 +74,8 @@ void main() {
   uint count = levels[push.level].element_count;
   if (push.max_features > 0u) {
     patch_step = max(1.0, float(reference.feature_count) / float(push.max_features));
-    thinned = int(reference.feature_count > ICLK_SEARCH_WHOLE) + int(reference.feature_count > ICLK_SEARCH_HALF);
-    count = min(reference.feature_count, push.max_features) * (ICLK_PATCH_AREA >> thinned);
+    halved = reference.feature_count > ICLK_SEARCH_WHOLE ? 1 : 0;
+    count = min(reference.feature_count, push.max_features) * (ICLK_PATCH_AREA >> halved);
   }
   View view = view_of(pair);
   Lm lm = load_state(pair);

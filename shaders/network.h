@@ -70,14 +70,25 @@ struct ConvPush {
   uint in_pitch, in_plane, in_image, in_planes;
   uint out_offset, out_pitch, out_plane, out_image, out_planes;
   uint weights, bias;  // in the network's weights
-  // winograd4x1_fused: what an item of work has, in workgroups' widths and blocks of output channels, and which counter.
-  uint item_steps, item_blocks, counter;
-  // A layer that is reduced: its out_* are those of the 2x2 means.
-  uint halves;  // 0: they are not asked for
-  uint sums;    // texels of single precision before the sums over channels
   // Patches: an image is a patch of a level, and what lies outside the level is zero.
   uint margin;  // the first pixel of the output lies so far before that of the patch
   uint level_width, level_height;
+};
+
+// winograd4x1_fused: 124 of the 128 bytes that every device has.
+struct ColumnPush {
+  // As in ConvPush; of a layer that is reduced out_* are those of the 2x2 means.
+  uint width, height, images, dilation;
+  uint in_offset, in_pitch, in_plane, in_image, in_planes;
+  uint out_offset, out_pitch, out_plane, out_image, out_planes;
+  uint weights, bias;
+  // What an item of work has, in workgroups' widths and blocks of output channels, and which counter.
+  uint item_steps, item_blocks, counter;
+  uint halves;  // 0: means are not asked for
+  // The map of a layer that is reduced, as in FeatureMapPush; of the images from split on in another buffer.
+  uint map_offset, map_pitch, map_stride, first_u, first_v, end_u, end_v;
+  uint first_image[2], split;
+  float inverse_channels;
 };
 
 struct WinogradPush {

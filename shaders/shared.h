@@ -54,9 +54,7 @@ using uint = uint32_t;
 #define ICLK_SEARCH_CELLS 3.4
 #define ICLK_SEARCH_STARTS 675   // at most: 15 x 15 with three rolls
 #define ICLK_SEARCH_FEATURES 96  // of more, so many take part, evenly out of their list
-// Of more features than these every second and every fourth row of a patch: at the coarsest level patches lie on one another.
-#define ICLK_SEARCH_WHOLE 24
-#define ICLK_SEARCH_HALF 64
+#define ICLK_SEARCH_WHOLE 24     // of more, every second row of a patch: at the coarsest level patches lie on one another
 
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0

@@ -75,13 +75,6 @@ uint32_t item_blocks(const ConvStep& step, uint64_t groups) {
   return static_cast<uint32_t>(std::min(most_item_blocks(step), (blocks + parts - 1) / parts));
 }
 
-// Which kernel of winograd4x1_fused.
-size_t fused_column(const ConvStep& step) { return step.reduced ? 1 + (step.dilation % 2 == 0) : 0; }
-
-// What an item of winograd4x1_fused has: planes of input x blocks of output x workgroups' widths that take some 25 us together,
-// so that a dispatch ends with all threads, and what an item costs by itself does not show.
-constexpr uint32_t kItemWork = 32;
-
 }  // namespace
 
 uint64_t TensorLayout::texels() const {
@@ -90,8 +83,8 @@ uint64_t TensorLayout::texels() const {
 }
 
 bool can_reduce(const ConvStep& step) {
-  if (step.variant == ConvVariant::winograd4x1 && step.fused && step.dilation == 1) return true;
-  return (of_whole_tiles(step.variant) || (step.variant == ConvVariant::winograd4x1 && step.fused)) && step.dilation % 2 == 0;
+  if (step.variant == ConvVariant::winograd4x1) return step.fused && FusedColumns::can_reduce(step);
+  return of_whole_tiles(step.variant) && step.dilation % 2 == 0;
 }
 
 bool can_fuse(const ConvStep& step, const engine::Context& context) {
@@ -143,11 +136,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
       case ConvVariant::direct: columns(direct_, choose(conv_direct_comp_spv, conv_direct_plain_comp_spv)); break;
       case ConvVariant::winograd4x1:
         if (step.fused)
-          wanted[&fused_column_[fused_column(step)]] = {"encode",
-                                                        winograd4x1_fused_comp_spv,
-                                                        {texel_read, texel_read, storage_write, storage_read_write},
-                                                        sizeof(shaders::ConvPush),
-                                                        {product_lanes_, half, step.reduced, fused_column(step) == 2}};
+          wanted[&fused_columns_[FusedColumns::kernel_of(step)]] = FusedColumns::description(step, precision);
         else
           columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
         break;
@@ -184,11 +173,14 @@ uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType ty
 }
 
 void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
-                         const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
+                         const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch,
+                         const MapPlace& place, std::span<const MapPart> parts) const {
   if (of_whole_tiles(step.variant))
     record_tiles(recorder, step, in, weights, out, scratch);
+  else if (step.fused)
+    fused_columns_.record(recorder, step, in, weights, out, scratch, place, parts);
   else
-    record_columns(recorder, step, in, weights, out, scratch);
+    record_columns(recorder, step, in, weights, out);
 }
 
 void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
@@ -243,9 +235,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
 }
 
 void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
-                                 const engine::Buffer& weights, const engine::Buffer& out,
-                                 const engine::Buffer& scratch) const {
-  const TensorLayout& to = step.reduced ? step.half : step.out;
+                                 const engine::Buffer& weights, const engine::Buffer& out) const {
   shaders::ConvPush push{};
   push.width = step.out.width;
   push.height = step.out.height;
@@ -256,30 +246,13 @@ void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& ste
   push.in_plane = step.in.plane();
   push.in_image = step.in.image();
   push.in_planes = step.in.planes();
-  push.out_offset = to.offset();
-  push.out_pitch = to.pitch();
-  push.out_plane = to.plane();
-  push.out_image = to.image();
+  push.out_offset = step.out.offset();
+  push.out_pitch = step.out.pitch();
+  push.out_plane = step.out.plane();
+  push.out_image = step.out.image();
   push.out_planes = step.out.planes();
   push.weights = step.packed.weights;
   push.bias = step.packed.bias;
-  if (step.fused) {
-    const uint32_t blocks = engine::groups_for(step.out.channels, kBlock), planes = push.in_planes;
-    push.halves = step.half.width > 0 && step.half.height > 0;
-    push.sums = step.reduced ? channel_sums(step, precision_).offset : 0;
-    push.item_blocks = std::clamp(kItemWork / planes, 1u, blocks);
-    push.item_steps = std::max(kItemWork / (planes * push.item_blocks), 1u);
-    // Two tiles of a column: one below the other, or of two phases.
-    const bool paired = fused_column(step) == 2;
-    const uint32_t phases = paired ? step.dilation / 2 : step.dilation,
-                   rows = (paired ? 4 : 4 * ICLK_COLUMN_TILES) * step.dilation;
-    const uint32_t chunks = engine::groups_for(push.width, product_lanes_ * push.item_steps);
-    const uint64_t items = static_cast<uint64_t>(engine::groups_for(push.height, rows)) * phases * push.images * chunks *
-                           engine::groups_for(blocks, push.item_blocks);
-    push.counter = step.counter;
-    recorder.dispatch(fused_column_[fused_column(step)], {&in, &weights, &out, &scratch}, push, spread(1, 2 * items, 1));
-    return;
-  }
   const bool direct = step.variant == ConvVariant::direct;
   const uint32_t tall = direct ? ICLK_CONV_ROWS : 4 * ICLK_COLUMN_TILES;
   const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, tall * push.dilation)) * push.dilation;
@@ -306,8 +279,7 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
   size.add(border_, 2);
   if (direct_) size.add(direct_, 2);
   if (column_) size.add(column_, 2);
-  for (const engine::Kernel& kernel : fused_column_)
-    if (kernel) size.add(kernel, 2);
+  fused_columns_.add_to(size);
   for (const Winograd& w : winograd_) {
     if (w.input) size.add(w.input, 2);
     for (const engine::Kernel* kernel : {&w.product[0], &w.product[1], &w.fused[0], &w.fused[1]})

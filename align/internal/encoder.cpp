@@ -47,6 +47,10 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.fused = shuffle_ && can_fuse(step, context);
       step.reduced = last && can_reduce(step);
+      step.whole_map = true;
+      for (const Tiling::Span& row : tiling_.rows)
+        for (const Tiling::Span& column : tiling_.columns)
+          step.whole_map = step.whole_map && map_place(level.info, l, column, row).whole(step.out.width);
       weights += packed_texels(layer, step.variant);
       level.steps.push_back(step);
       TensorLayout& border = level.borders[i % 2];
@@ -81,6 +85,19 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   if (by_image()) moments_ = storage("moments of images", 4ull * ICLK_LIGHT_STRIPS * kLanes);
 }
 
+MapPlace Encoder::map_place(const shaders::LevelInfo& info, size_t level, const Tiling::Span& column,
+                            const Tiling::Span& row) const {
+  const auto at_level = [&](uint32_t pixels0) { return pixels0 >> level; };
+  const uint32_t u = at_level(column.origin), v = at_level(row.origin);
+  return {info.map_offset + v * info.pitch + u,
+          info.pitch,
+          map_stride_,
+          at_level(column.begin) - u,
+          at_level(row.begin) - v,
+          at_level(column.end) - u,
+          at_level(row.end) - v};
+}
+
 std::array<uint64_t, 2> Encoder::activation_texels() const {
   std::array<uint64_t, 2> texels{};
   size_t place = 0;
@@ -91,7 +108,9 @@ std::array<uint64_t, 2> Encoder::activation_texels() const {
       ++place;
     }
     const ConvStep& last = level.steps.back();
-    if (last.reduced) {
+    if (writes_map(last)) {
+      need(last.half.width > 0 ? last.half.texels() : 0);
+    } else if (last.reduced) {
       const uint64_t texel = texel_bytes(precision_);
       need((channel_sums(last, precision_).bytes(1) + texel - 1) / texel);
     } else {
@@ -152,7 +171,7 @@ void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory
       images.first += taken;
       images.count -= taken;
       filled += taken;
-      if (filled == pass_) pass();
+      if (filled == pass_ || parts.size() == 2) pass();  // a step has place for two
     }
   if (filled > 0) pass();
 }
@@ -169,8 +188,10 @@ void Encoder::record_light(engine::Recorder& recorder, const engine::Workspace& 
 void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts,
                           const Tiling::Span& column, const Tiling::Span& row) const {
   const uint32_t count = parts.back().at + parts.back().count;
-  size_t place = 0;
-  const auto buffer = [&](size_t at) -> const engine::Buffer& { return memory[activations_[at % 2]]; };
+  std::vector<MapPart> maps;
+  for (const Part& part : parts) maps.push_back({part.maps, part.at, part.count, part.first});
+  size_t at = 0;
+  const auto buffer = [&](size_t number) -> const engine::Buffer& { return memory[activations_[number % 2]]; };
   TensorLayout input = levels_[0].steps.front().in;
   input.images = count;
   shaders::NormalisePush n{};
@@ -186,10 +207,10 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
     n.mean[c] = model_->mean[c];
     n.inverse_std[c] = 1 / model_->std[c];
   }
-  const auto record_borders = [&](const Level& level, size_t at) {
+  const auto record_borders = [&](const Level& level, size_t number) {
     TensorLayout first = level.borders[0], second = level.borders[1];
     first.images = second.images = count;
-    convolutions_->record_borders(recorder, first, second, buffer(at), buffer(at + 1));
+    convolutions_->record_borders(recorder, first, second, buffer(number), buffer(number + 1));
   };
   record_borders(levels_[0], 0);
   for (const Part& part : parts) {
@@ -201,6 +222,7 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
   uint32_t fused = 0;
   for (size_t l = 0; l < levels_.size(); ++l) {
     const Level& level = levels_[l];
+    const MapPlace place = map_place(level.info, l, column, row);
     ConvStep step;
     for (const ConvStep& each : level.steps) {
       step = each;
@@ -209,25 +231,13 @@ void Encoder::record_tile(engine::Recorder& recorder, const engine::Workspace& m
         if (step.counter == 0) convolutions_->record_start(recorder, memory[scratch_]);
       }
       step.in.images = step.out.images = step.half.images = count;
-      convolutions_->record(recorder, step, buffer(place), memory[weights_], buffer(place + 1), memory[scratch_]);
-      ++place;
+      convolutions_->record(recorder, step, buffer(at), memory[weights_], buffer(at + 1), memory[scratch_], place, maps);
+      ++at;
     }
-    const auto at_level = [&](uint32_t pixels0) { return pixels0 >> l; };
-    FeatureMaps::Target target{};
-    target.offset = level.info.map_offset + at_level(row.origin) * level.info.pitch + at_level(column.origin);
-    target.pitch = level.info.pitch;
-    target.stride = map_stride_;
-    target.first_u = at_level(column.begin) - at_level(column.origin);
-    target.first_v = at_level(row.begin) - at_level(row.origin);
-    target.end_u = at_level(column.end) - at_level(column.origin);
-    target.end_v = at_level(row.end) - at_level(row.origin);
-    for (const Part& part : parts) {
-      target.maps = part.maps;
-      target.first_image = part.first;
-      feature_maps_->record(recorder, step, part.at, part.count, buffer(place), buffer(place + 1), target);
-    }
-    if (!step.reduced) ++place;
-    if (l + 1 < levels_.size()) record_borders(levels_[l + 1], place);
+    if (!writes_map(step))
+      for (const MapPart& part : maps) feature_maps_->record(recorder, step, buffer(at), buffer(at + 1), place, part);
+    if (!step.reduced) ++at;
+    if (l + 1 < levels_.size()) record_borders(levels_[l + 1], at);
   }
 }
 

@@ -53,6 +53,8 @@ class Encoder {
   };
   /// Mean and deviation of the images of a pass.
   void record_light(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts) const;
+  /// Of a tile.
+  MapPlace map_place(const shaders::LevelInfo& info, size_t level, const Tiling::Span& column, const Tiling::Span& row) const;
   /// Texels of the two buffers between which activations go to and fro, of so many images.
   std::array<uint64_t, 2> activation_texels() const;
   /// One tile of each image of a pass.

@@ -19,46 +19,44 @@ FeatureMaps::FeatureMaps(std::shared_ptr<const engine::Context> context, Precisi
     sums_[whole] = {context, {"encode", feature_sums_comp_spv, {storage_read, storage_write}, bytes, {kLanes, whole}}};
 }
 
-void FeatureMaps::record(engine::Recorder& recorder, const ConvStep& last, uint32_t at, uint32_t count,
-                         const engine::Buffer& made, const engine::Buffer& next, const Target& target) const {
+void FeatureMaps::record(engine::Recorder& recorder, const ConvStep& last, const engine::Buffer& made,
+                         const engine::Buffer& next, const MapPlace& place, const MapPart& part) const {
   const TensorLayout &in = last.out, &half = last.half;
   shaders::FeatureMapPush push{};
   push.width = in.width;
   push.height = in.height;
-  push.map_offset = target.offset;
-  push.map_pitch = target.pitch;
-  push.map_stride = target.stride;
-  push.first_image = target.first_image;
-  push.first_u = target.first_u;
-  push.first_v = target.first_v;
-  push.end_u = target.end_u;
-  push.end_v = target.end_v;
+  push.map_offset = place.offset;
+  push.map_pitch = place.pitch;
+  push.map_stride = place.stride;
+  push.first_image = part.first_image;
+  push.first_u = place.first_u;
+  push.first_v = place.first_v;
+  push.end_u = place.end_u;
+  push.end_v = place.end_v;
   push.inverse_channels = 1.0f / static_cast<float>(in.channels);
-  const engine::Groups groups{engine::groups_for((in.width + 1) / 2, kLanes), (in.height + 1) / 2, count};
+  const engine::Groups groups{engine::groups_for((in.width + 1) / 2, kLanes), (in.height + 1) / 2, part.count};
   if (last.reduced) {
     const ChannelSums sums = channel_sums(last, precision_);
-    push.in_offset = sums.offset + at * sums.image();
+    push.in_offset = sums.offset + part.at * sums.image();
     push.in_pitch = sums.pitch;
     push.in_plane = sums.plane;
     push.in_image = sums.image();
     push.in_planes = sums.planes;
-    const bool whole = (target.offset | target.pitch | target.stride | target.first_u) % 4 == 0 &&
-                       (target.end_u % 4 == 0 || target.end_u == in.width);
-    recorder.dispatch(sums_[whole], {&made, target.maps}, push,
+    recorder.dispatch(sums_[place.whole(in.width)], {&made, part.maps}, push,
                       {engine::groups_for((in.width + 3) / 4, kLanes), groups.y, groups.z});
     return;
   }
-  push.in_offset = in.offset() + at * in.image();
+  push.in_offset = in.offset() + part.at * in.image();
   push.in_pitch = in.pitch();
   push.in_plane = in.plane();
   push.in_image = in.image();
   push.in_planes = in.planes();
   push.halves = half.width > 0 && half.height > 0;
-  push.out_offset = half.offset() + at * half.image();
+  push.out_offset = half.offset() + part.at * half.image();
   push.out_pitch = half.pitch();
   push.out_plane = half.plane();
   push.out_image = half.image();
-  recorder.dispatch(whole_, {&made, target.maps, &next}, push, groups);
+  recorder.dispatch(whole_, {&made, part.maps, &next}, push, groups);
 }
 
 void FeatureMaps::add_to(engine::ArenaSize& size, uint32_t sources) const {

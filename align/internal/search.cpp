@@ -60,7 +60,7 @@ SE3 search_start(const std::vector<Template>& pixels, const Pyramid& f1, const C
     const Template& all = pixels[static_cast<size_t>(l)];
     const size_t patches = all.size() / ICLK_PATCH_AREA, count = std::min<size_t>(patches, ICLK_SEARCH_FEATURES);
     const float step = std::max(1.0f, static_cast<float>(patches) / ICLK_SEARCH_FEATURES);  // as in iterate.comp
-    const size_t rows = patches > ICLK_SEARCH_HALF ? 4 : patches > ICLK_SEARCH_WHOLE ? 2 : 1;
+    const size_t rows = patches > ICLK_SEARCH_WHOLE ? 2 : 1;
     for (size_t i = 0; i < count; ++i)
       for (size_t row = i % rows; row < ICLK_PATCH; row += rows) {
         const auto first = all.begin() + static_cast<ptrdiff_t>(static_cast<float>(i) * step) * ICLK_PATCH_AREA +

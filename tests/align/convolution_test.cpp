@@ -66,9 +66,10 @@ ConvStep step_for(const Way& way, const Shape& shape) {
 // What a step makes of random images in `bytes` of memory, and the plain convolution of each of them.
 struct Outcome {
   std::vector<float> made;
+  std::vector<float> maps[2];  // of the first image, and of the others
   std::vector<std::vector<double>> expected;
 };
-Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes) {
+Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, const internal::MapPlace& place = {}) {
   const auto context = test::device();
   std::mt19937 random(7);
   const ConvLayer layer = test::random_layer(shape.in, shape.out, shape.dilation, random);
@@ -88,12 +89,16 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes) {
                                       ? ConvKernels::scratch_texels(step, *context)
                                       : std::max<uint64_t>(1, ConvKernels::scratch_texels(step, context->info().type, 1 << 14));
   const auto scratch = plan.add("scratch", 16 * scratch_texels, MemoryKind::device, ConvKernels::kScratch, texel);
+  const uint64_t map_bytes = std::max<uint64_t>(16, 4ull * place.stride * shape.images);
+  const engine::BufferId maps[] = {plan.add("map", map_bytes, MemoryKind::readback, engine::BufferUse::storage),
+                                   plan.add("other maps", map_bytes, MemoryKind::readback, engine::BufferUse::storage)};
   const engine::Workspace memory(context, plan);
   internal::write_buffer(context, memory[weights], packed.data());
 
   // Whatever is not written must not matter, in the padding channels of the input neither.
   std::fill_n(memory[in].as<float>(), memory[in].size / 4, std::numeric_limits<float>::quiet_NaN());
-  std::fill_n(memory[out].as<float>(), memory[out].size / 4, std::numeric_limits<float>::quiet_NaN());
+  for (const engine::BufferId id : {out, maps[0], maps[1]})
+    std::fill_n(memory[id].as<float>(), memory[id].size / 4, std::numeric_limits<float>::quiet_NaN());
   const size_t image = static_cast<size_t>(shape.in) * shape.width * shape.height;
   std::vector<float> x(image * shape.images);
   std::normal_distribution<float> normal;
@@ -113,13 +118,19 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes) {
   engine::Recorder recorder(*context, submission.begin(), arena);
   kernels.record_borders(recorder, step.in, step.reduced ? TensorLayout{} : step.out, memory[in], memory[out]);
   if (step.fused) kernels.record_start(recorder, memory[scratch]);
-  kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch]);
-  recorder.host_read({&memory[out]});
+  const internal::MapPart parts[] = {{&memory[maps[0]], 0, 1, 0}, {&memory[maps[1]], 1, shape.images - 1, 1}};
+  kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch], place,
+                 std::span(parts).first(shape.images > 1 ? 2 : 1));
+  recorder.host_read({&memory[out], &memory[maps[0]], &memory[maps[1]]});
   submission.end();
   submission.submit_and_wait();
 
   Outcome outcome;
-  outcome.made.assign(memory[out].as<const float>(), memory[out].as<const float>() + memory[out].size / 4);
+  const auto values = [&](engine::BufferId id) {
+    return std::vector<float>(memory[id].as<const float>(), memory[id].as<const float>() + memory[id].size / 4);
+  };
+  outcome.made = values(out);
+  for (size_t i = 0; i < 2; ++i) outcome.maps[i] = values(maps[i]);
   for (uint32_t n = 0; n < shape.images; ++n) {
     test::PlainMaps channels(static_cast<int>(shape.width), static_cast<int>(shape.height), shape.in);
     std::copy_n(&x[n * image], image, channels.data.begin());
@@ -152,7 +163,7 @@ TEST_P(Convolution, IsThePlainOne) {
         }
 }
 
-TEST_P(ReducedConvolution, MakesMeansAndSumsOfThePlainOne) {
+TEST_P(ReducedConvolution, MakesMeansAndSumsOrMapsOfThePlainOne) {
   const auto [way, shape] = GetParam();
   ConvStep step = step_for(way, shape);
   if (const char* why = lacking(way, step)) GTEST_SKIP() << why;
@@ -164,7 +175,14 @@ TEST_P(ReducedConvolution, MakesMeansAndSumsOfThePlainOne) {
   for (const bool halves : {true, false}) {
     if (!halves) step.half = {};
     const internal::ChannelSums sums = internal::channel_sums(step, Precision::fp32);
-    const Outcome outcome = run(way, shape, step, sums.bytes(shape.images));
+    // Rows that are written four pixels at a time, and some pixels of rows that cannot be.
+    const bool whole = step.whole_map = halves;
+    const uint32_t w = shape.width, h = shape.height, pitch = whole ? (w + 3) / 4 * 4 : w + 1;
+    const internal::MapPlace place =
+        whole ? internal::MapPlace{4, pitch, pitch * h + 8, 0, 0, w, h}
+              : internal::MapPlace{3, pitch, pitch * h + 5, w > 1, h > 1, w > 2 ? w - 1 : w, h > 2 ? h - 1 : h};
+    ASSERT_EQ(place.whole(w), whole);
+    const Outcome outcome = run(way, shape, step, sums.bytes(shape.images), place);
     for (uint32_t n = 0; n < shape.images; ++n) {
       const auto expected = [&](uint32_t c, uint32_t v, uint32_t u) {
         return c < step.out.channels ? outcome.expected[n][(c * shape.height + v) * shape.width + u] : 0.0;
@@ -184,6 +202,19 @@ TEST_P(ReducedConvolution, MakesMeansAndSumsOfThePlainOne) {
             ASSERT_NEAR(outcome.made[at(step.half, n, c, v, u)], e, off * std::max(1.0, std::abs(e)))
                 << "image " << n << " channel " << c << " at " << u << ", " << v;
           }
+      if (internal::writes_map(step)) {
+        for (uint32_t v = 0; v < h; ++v)
+          for (uint32_t u = 0; u < w; ++u) {
+            double e = 0;
+            for (uint32_t c = 0; c < step.out.channels; ++c) e += expected(c, v, u) / step.out.channels;
+            const float made = outcome.maps[n > 0][place.offset + n * place.stride + v * pitch + u];
+            if (u < place.first_u || u >= place.end_u || v < place.first_v || v >= place.end_v)
+              ASSERT_TRUE(std::isnan(made)) << "not asked for, at " << u << ", " << v;
+            else
+              ASSERT_NEAR(made, e, off * std::max(1.0, std::abs(e))) << "map of image " << n << " at " << u << ", " << v;
+          }
+        continue;
+      }
       for (uint32_t block = 0; block < sums.planes; ++block)
         for (uint32_t v = 0; v < shape.height; ++v)
           for (uint32_t u = 0; u < shape.width; ++u) {

@@ -105,8 +105,7 @@ TEST_P(Search, OfManyFeaturesSomeOfAllTakePart) {
   EXPECT_LT(distance(a.levels[0].iterations[0].T_10, expected.levels[0].iterations[0].T_10, scene.distance), 1e-3);
 }
 
-// Of more than ICLK_SEARCH_WHOLE features every second row, of more than ICLK_SEARCH_HALF every fourth. Noise makes other rows
-// another start.
+// Of more than ICLK_SEARCH_WHOLE features every second row. Noise makes other rows another start.
 TEST_P(Search, TakesTheRowsOfTheCpuReference) {
   const Relief scene = far_scenes(8)[3];
   Frame images[] = {render(scene, 0), render(scene, 1)};
