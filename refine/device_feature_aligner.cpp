@@ -51,7 +51,7 @@ engine::KernelDescription colours_description(uint32_t pixel_format) {
   return {"colour_sums",
           colour_sums_comp_spv,
           {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, texel_read, storage_read,
-           storage_read, storage_write},
+           texel_read, storage_write},
           sizeof(shaders::FeatureAlignmentPush),
           {0, 0, pixel_format}};
 }

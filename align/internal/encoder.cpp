@@ -138,7 +138,7 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
     image_moments_ = {context,
                       {"encode",
                        image_moments_comp_spv,
-                       {storage_read, storage_write},
+                       {texel_read, storage_write},
                        sizeof(shaders::MomentsPush),
                        {kLanes, half, format, channels}}};
     image_light_ = {context, {"encode", image_light_comp_spv, {storage_read, storage_write}, 0, {kLanes}}};
@@ -146,7 +146,7 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
   normalise_ = {context,
                 {"encode",
                  normalise_comp_spv,
-                 {storage_read, storage_write, storage_read},
+                 {texel_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
                  {normalising_.lanes, half, format, channels, by_image(), normalising_.pixels}}};
   convolutions_.emplace(context, steps, shuffle_, precision_);

@@ -24,6 +24,15 @@ uint32_t shader_format(PixelFormat format) {
   }
 }
 
+VkFormat texel_format(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::r8: return VK_FORMAT_R8_UNORM;
+    case PixelFormat::r32f: return VK_FORMAT_R32_SFLOAT;
+    case PixelFormat::rgba32f: return VK_FORMAT_R32G32B32A32_SFLOAT;
+    default: return VK_FORMAT_R8G8B8A8_UNORM;  // of BGRA as well, which not every device has: shaders swap
+  }
+}
+
 Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
                  const Layout& layout, const WorkgroupSizes& sizes) {
   using enum engine::BindingKind;

@@ -25,10 +25,9 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   tiles = plan.add("mask tiles", sizeof(shaders::MaskTile) * tiles_n, MemoryKind::upload, storage);
   entries = plan.add("mask tile entries", 4 * entries_n, MemoryKind::upload, storage);
   const uint64_t image_bytes = 4ull * layout.pixel_words;
-  const auto pixels = channels(p.format) == 1 ? texels : storage;  // level 0, or with a model the grey map's (GreyMaps)
-  const VkFormat pixel_format = p.format == PixelFormat::r8 ? VK_FORMAT_R8_UNORM : VK_FORMAT_R32_SFLOAT;
-  pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, pixels, pixel_format);
-  pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, pixels, pixel_format);
+  const VkFormat pixel_format = texel_format(p.format);
+  pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, texels, pixel_format);
+  pixels1 = plan.add("target pixels", image_bytes * pairs_n, MemoryKind::device, texels, pixel_format);
   const uint64_t map_bytes = 4ull * layout.map_stride;
   maps0 = plan.add("reference maps", map_bytes * references_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   maps1 = plan.add("target maps", map_bytes * pairs_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <iclk/align/internal/encoder.h>
+#include <iclk/align/internal/kernels.h>
 #include <iclk/align/internal/upload.h>
 
 #include "read_back.h"
@@ -42,7 +43,9 @@ struct DeviceEncoder {
     const auto n = static_cast<uint32_t>(images.size());
     engine::MemoryPlan memory_plan;
     const uint64_t image_bytes = 4ull * layout.pixel_words;
-    const auto pixels = memory_plan.add("pixels", image_bytes * n, engine::MemoryKind::upload, engine::BufferUse::storage);
+    const auto pixels =
+        memory_plan.add("pixels", image_bytes * n, engine::MemoryKind::upload,
+                        engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(plan.format));
     const auto maps = memory_plan.add("maps", 4ull * layout.map_stride * n, engine::MemoryKind::device,
                                       engine::BufferUse::storage | engine::BufferUse::texel, VK_FORMAT_R32_SFLOAT);
     internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, tuning, precision, most_bytes, shuffle);
