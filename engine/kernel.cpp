@@ -1,6 +1,7 @@
 #include <iclk/engine/kernel.h>
 
 #include <algorithm>
+#include <future>
 #include <utility>
 
 #include <iclk/engine/result.h>
@@ -119,6 +120,16 @@ void Kernel::destroy() noexcept {
   if (pipeline_) vk.DestroyPipeline(context_->device(), pipeline_, nullptr);
   if (layout_) vk.DestroyPipelineLayout(context_->device(), layout_, nullptr);
   if (set_layout_) vk.DestroyDescriptorSetLayout(context_->device(), set_layout_, nullptr);
+}
+
+void KernelBatch::make() {
+  std::vector<std::pair<Kernel*, std::future<Kernel>>> made;
+  for (const auto& each : wanted_)
+    made.emplace_back(each.first, std::async(std::launch::async, [&] { return Kernel(context_, each.second); }));
+  std::vector<Kernel> kernels;
+  for (auto& [kernel, future] : made) kernels.push_back(future.get());
+  for (size_t i = 0; i < made.size(); ++i) *made[i].first = std::move(kernels[i]);
+  wanted_.clear();
 }
 
 }  // namespace iclk::engine

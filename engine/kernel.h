@@ -1,4 +1,5 @@
 #pragma once
+#include <map>
 #include <memory>
 #include <span>
 #include <string>
@@ -61,5 +62,20 @@ class Kernel {
 };
 
 VkDescriptorType descriptor_type(BindingKind kind);
+
+/// Kernels that are made side by side: a driver may take a quarter of a second for one of them.
+class KernelBatch {
+ public:
+  explicit KernelBatch(std::shared_ptr<const Context> context) : context_(std::move(context)) {}
+
+  /// `kernel` stays where it is until make(). Of one that is added again the last description counts.
+  void add(Kernel& kernel, KernelDescription description) { wanted_[&kernel] = std::move(description); }
+  /// Throws what the constructor of one of them threw; then none is made.
+  void make();
+
+ private:
+  std::shared_ptr<const Context> context_;
+  std::map<Kernel*, KernelDescription> wanted_;
+};
 
 }  // namespace iclk::engine

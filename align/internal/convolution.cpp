@@ -3,8 +3,6 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
-#include <future>
-#include <map>
 #include <thread>
 
 #include <iclk/engine/submission.h>
@@ -112,31 +110,32 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   using enum engine::BindingKind;
   using Spirv = std::span<const uint32_t>;
   const uint32_t half = precision == Precision::fp16;
-  std::map<engine::Kernel*, engine::KernelDescription> wanted;
-  wanted[&border_] = {
-      "encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}};
+  engine::KernelBatch wanted(context);
+  wanted.add(
+      border_,
+      {"encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}});
   const auto columns = [&](engine::Kernel& kernel, Spirv spirv) {
-    wanted[&kernel] = {
-        "encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), {direct_lanes_, half}};
+    wanted.add(kernel,
+               {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), {direct_lanes_, half}});
   };
   const auto winograd = [&](const ConvStep& step, Spirv input, Spirv product, Spirv fused) {
     Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
     constexpr uint32_t bytes = sizeof(shaders::WinogradPush);
     const std::vector<uint32_t> constants{product_lanes_, half, step.reduced};
     if (step.fused) {
-      wanted[&kernels.fused[step.reduced]] = {
-          "encode", fused, {image_read, image_read, storage_write, storage_read_write, texel_read}, bytes, constants};
+      wanted.add(kernels.fused[step.reduced],
+                 {"encode", fused, {image_read, image_read, storage_write, storage_read_write, texel_read}, bytes, constants});
       return;
     }
-    wanted[&kernels.input] = {"encode", input, {texel_read, storage_write}, bytes, {kInputLanes}};
-    wanted[&kernels.product[step.reduced]] = {"encode", product, {image_read, image_read, storage_write}, bytes, constants};
+    wanted.add(kernels.input, {"encode", input, {texel_read, storage_write}, bytes, {kInputLanes}});
+    wanted.add(kernels.product[step.reduced], {"encode", product, {image_read, image_read, storage_write}, bytes, constants});
   };
   const auto choose = [&](Spirv shared, Spirv plain) { return shuffle ? shared : plain; };
   for (const ConvStep& step : steps) switch (step.variant) {
       case ConvVariant::direct: columns(direct_, choose(conv_direct_comp_spv, conv_direct_plain_comp_spv)); break;
       case ConvVariant::winograd4x1:
         if (step.fused)
-          wanted[&fused_columns_[FusedColumns::kernel_of(step)]] = FusedColumns::description(step, precision);
+          wanted.add(fused_columns_[FusedColumns::kernel_of(step)], FusedColumns::description(step, precision));
         else
           columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
         break;
@@ -149,11 +148,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
                  winograd4_fused_comp_spv);
         break;
     }
-  // Side by side: lavapipe takes up to a quarter of a second for one of them.
-  std::vector<std::pair<engine::Kernel*, std::future<engine::Kernel>>> made;
-  for (const auto& each : wanted)
-    made.emplace_back(each.first, std::async(std::launch::async, [&] { return engine::Kernel(context, each.second); }));
-  for (auto& [kernel, future] : made) *kernel = future.get();
+  wanted.make();
 }
 
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context& context) {

@@ -39,77 +39,70 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   using namespace shaders;
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
                  robust = static_cast<uint32_t>(options.robust);
+  engine::KernelBatch batch(context);
   if (!layout.learned) pyramid = {context, plan.format, layout, sizes.map};
   if (plan.dense)
-    inverse_depth = {context,
-                     {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}}};
+    batch.add(inverse_depth,
+              {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}});
   else
-    mask = {context,
-            {"mask",
-             mask_comp_spv,
-             {storage_read, storage_read, storage_read, storage_read, storage_read, storage_write},
-             sizeof(MaskPush),
-             {sizes.map, plan.max_features > 32767}}};
-  jacobian = {context,
-              {"jacobian",
-               jacobian_comp_spv,
-               {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write},
-               sizeof(JacobianPush),
-               {sizes.map, plan.dense}}};
+    batch.add(mask, {"mask",
+                     mask_comp_spv,
+                     {storage_read, storage_read, storage_read, storage_read, storage_read, storage_write},
+                     sizeof(MaskPush),
+                     {sizes.map, plan.max_features > 32767}});
+  batch.add(jacobian, {"jacobian",
+                       jacobian_comp_spv,
+                       {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write},
+                       sizeof(JacobianPush),
+                       {sizes.map, plan.dense}});
   if (options.robust != Robust::unit) {
-    residual = {context,
-                {"residual",
-                 residual_comp_spv,
-                 {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_write, storage_read},
-                 sizeof(IteratePush),
-                 {sizes.iterate}}};
-    weights = {context,
-               {"weights",
-                weights_comp_spv,
-                {storage_read, storage_read, storage_read_write, storage_read_write},
-                sizeof(IteratePush),
-                {sizes.weights, 4 * sizes.iterate, 0, 0, robust}}};
+    batch.add(residual,
+              {"residual",
+               residual_comp_spv,
+               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_write, storage_read},
+               sizeof(IteratePush),
+               {sizes.iterate}});
+    batch.add(weights, {"weights",
+                        weights_comp_spv,
+                        {storage_read, storage_read, storage_read_write, storage_read_write},
+                        sizeof(IteratePush),
+                        {sizes.weights, 4 * sizes.iterate, 0, 0, robust}});
   }
-  normal_equations = {context,
-                      {"normal_equations",
-                       normal_equations_comp_spv,
-                       {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
-                        storage_read, storage_write},
-                       sizeof(IteratePush),
-                       {sizes.iterate, photometric, adaptive, weighted}}};
-  lm_step = {context,
-             {"lm_step",
-              lm_step_comp_spv,
-              {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write},
-              sizeof(IteratePush),
-              {0, photometric, adaptive}}};
-  iterate = {context,
-             {"iterate",
-              iterate_comp_spv,
-              {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read_write,
-               storage_read_write, storage_write},
-              sizeof(IteratePush),
-              {sizes.iterate, photometric, adaptive, weighted, robust}}};
-  agreement = {context,
-               {"agreement",
-                agreement_comp_spv,
-                {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
-                 storage_write},
-                sizeof(IteratePush),
-                {sizes.iterate, photometric, adaptive, weighted}}};
+  batch.add(normal_equations, {"normal_equations",
+                               normal_equations_comp_spv,
+                               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
+                                storage_read, storage_write},
+                               sizeof(IteratePush),
+                               {sizes.iterate, photometric, adaptive, weighted}});
+  batch.add(lm_step, {"lm_step",
+                      lm_step_comp_spv,
+                      {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write},
+                      sizeof(IteratePush),
+                      {0, photometric, adaptive}});
+  batch.add(iterate, {"iterate",
+                      iterate_comp_spv,
+                      {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read_write,
+                       storage_read_write, storage_write},
+                      sizeof(IteratePush),
+                      {sizes.iterate, photometric, adaptive, weighted, robust}});
+  batch.add(agreement, {"agreement",
+                        agreement_comp_spv,
+                        {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
+                         storage_read, storage_write},
+                        sizeof(IteratePush),
+                        {sizes.iterate, photometric, adaptive, weighted}});
   if (options.search.enabled)
-    select = {context,
-              {"search",
-               select_comp_spv,
-               {storage_read, storage_read, storage_read, storage_read_write},
-               sizeof(SelectPush),
-               {sizes.iterate}}};
-  result = {context,
-            {"result",
-             result_comp_spv,
-             {storage_read, storage_read, storage_read, storage_read_write, storage_write},
-             sizeof(ResultPush),
-             {}}};
+    batch.add(select, {"search",
+                       select_comp_spv,
+                       {storage_read, storage_read, storage_read, storage_read_write},
+                       sizeof(SelectPush),
+                       {sizes.iterate}});
+  batch.add(result, {"result",
+                     result_comp_spv,
+                     {storage_read, storage_read, storage_read, storage_read_write, storage_write},
+                     sizeof(ResultPush),
+                     {}});
+  batch.make();
 }
 
 }  // namespace iclk::internal
