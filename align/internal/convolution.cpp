@@ -210,8 +210,8 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
     push.tiles = static_cast<uint32_t>(tiles.all);
     push.item_blocks = item_blocks(step, groups);
     const uint32_t blocks = engine::groups_for(step.out.channels, kBlock);
-    // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
     push.counter = step.counter;
+    // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
     recorder.dispatch(kernels.fused[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
                       spread(1, 2 * groups * engine::groups_for(blocks, push.item_blocks), 1));
     return;

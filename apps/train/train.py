@@ -12,6 +12,9 @@ Examples:
   apps/train/train.py run --data a b --test c --recipe paper --out run_paper --device cuda --workers 8
   apps/train/train.py run --data set --out run2 --set schedule.steps=2000 --set 'data.appearance=["jitter:0.8"]'
   apps/train/train.py run --data set2 --out tuned --init run/checkpoint.pt  starts from the weights of another run
+  apps/train/train.py run --data set --out own --init models/sd6dof-small.safetensors \\
+    --set 'model.encoder_channels=[[8], [8, 16], [16, 16], [32, 32, 32], [32, 32, 32]]' \\
+    --set 'model.m_estimator_channels=[]' --set 'model.m_estimator_dilations=[]'    starts from a model
   iclk align a.png b.png --depth a.tiff --camera 455,455,187.5,119.5 --model run/model.safetensors
 
 Exit codes: 0 done; 2 wrong usage; 3 bad input; 6 stopped before the end, by a signal or --minutes.
@@ -35,7 +38,8 @@ def parser():
     run.add_argument('--out', required=True, metavar='RUN', help='folder of the run; one that was stopped goes on')
     run.add_argument('--recipe', default='ours', metavar='NAME|FILE', help='ours (default), paper, or a TOML file')
     run.add_argument('--set', action='append', default=[], metavar='KEY=VALUE', help='changes a value of the recipe')
-    run.add_argument('--init', metavar='CHECKPOINT', help='weights to begin a new run with')
+    run.add_argument('--init', metavar='CHECKPOINT|MODEL', help='weights to begin a new run with; of a .safetensors file those of '
+                     'every encoder layer that has the shape of the recipe\'s')
     run.add_argument('--device', choices=('cpu', 'cuda'), help='default: cuda where there is one')
     run.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), metavar='N', help='default: all cores')
     run.add_argument('--workers', type=int, metavar='N', help='processes that read ahead; default: 4 with cuda, else 0')

@@ -11,7 +11,7 @@ import torch
 import curves
 import losses
 from data import FixedBatches, PairSet, TrainingBatches, motion, split
-from network import TrainedNetwork, export
+from network import TrainedNetwork, export, take_model
 from recipe import InputError, difference
 from run_folder import RunFolder, load_checkpoint, write_text
 
@@ -89,7 +89,12 @@ class Trainer:
 
     def take_weights(self, path):
         """Weights of another run's checkpoint, to go on from with another recipe or other sets. An M-estimator may be new, or
-        left behind."""
+        left behind. Of a model file: see take_model()."""
+        if path.endswith('.safetensors'):
+            batches = self.loader(TrainingBatches(self.training, self.recipe), range(8))
+            images = torch.cat([batch['images'].flatten(0, 1) for batch in batches]).to(self.device)
+            self.before = take_model(self.network, path, images)
+            return
         state = load_checkpoint(path)
         models = [dict(r['model']) for r in (state['recipe'], self.recipe)]
         weights = state['network']

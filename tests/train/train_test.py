@@ -20,7 +20,7 @@ from common import ICLK, SOURCE, TRAIN, lines_of, render, train, train_command, 
 import losses
 import recipe
 from data import PairSet, make_sample, read_pair
-from network import TrainedNetwork, export
+from network import TrainedNetwork, export, take_model
 from reference import Network, align, read_safetensors
 from run_folder import RunFolder, load_checkpoint
 
@@ -213,6 +213,30 @@ class Training(unittest.TestCase):
         done = run('wider', 'whole/checkpoint.pt', 'model.encoder_channels=[[4, 8, 8], [8, 8, 8], [8, 12, 16]]')
         self.assertEqual(done.returncode, 3, done.stderr)
         self.assertIn('give a recipe with the same model', done.stderr)
+
+    def test_a_model_begins_a_run(self):
+        path, images = self.file('whole/last.safetensors'), torch.rand(3, 3, 40, 48, generator=torch.Generator().manual_seed(1))
+        model = self.state['recipe']['model']
+        given = Network.load(path)[0]
+        network = TrainedNetwork(model)
+        self.assertRegex(take_model(network, path, images), '9 of 9 layers began as those of tiny: trained by iclk')
+        with torch.no_grad():
+            for a, b in zip(network.eval()(images), given(images)):
+                torch.testing.assert_close(a, b, atol=1e-5, rtol=1e-4)
+            # In training the same, as batch normalisation divides by what it multiplies with.
+            for a, b in zip(network.train()(images), given(images)):
+                torch.testing.assert_close(a, b, atol=1e-3, rtol=1e-2)
+        wider = TrainedNetwork({**model, 'encoder_channels': [[4, 8, 8], [8, 16, 8], [8, 12, 12]]})
+        self.assertIn('7 of 9 layers', take_model(wider, path, images))
+        self.assertTrue(torch.equal(wider.levels[2][1][0].weight, given.levels[2][1][0].weight))
+        for changed, why in (({'encoder_channels': [[6, 6, 6]], 'encoder_dilations': [[1, 2, 2]]}, 'none of its layers'),
+                             ({'normalisation': 'fixed'}, '--set model.normalisation=image')):
+            with self.assertRaisesRegex(recipe.InputError, why):
+                take_model(TrainedNetwork({**model, **changed}), path, images)
+        done = train(*self.arguments, '--init', path, '--out', self.file('from_model'), '--set', 'schedule.steps=1')
+        self.assertEqual(done.returncode, 0, done.stderr)
+        info = subprocess.run([ICLK, 'model', 'info', self.file('from_model/last.safetensors')], capture_output=True, text=True)
+        self.assertRegex(info.stdout, r'9 of 9 layers .* tiny, 24 steps of 2 pairs.*; then.* 1 steps')
 
     def test_derivatives_are_those_of_differences(self):
         settings = recipe.load(self.recipe, ['loss.step_bound=0'])
