@@ -38,8 +38,9 @@ def parser():
     run.add_argument('--out', required=True, metavar='RUN', help='folder of the run; one that was stopped goes on')
     run.add_argument('--recipe', default='ours', metavar='NAME|FILE', help='ours (default), paper, or a TOML file')
     run.add_argument('--set', action='append', default=[], metavar='KEY=VALUE', help='changes a value of the recipe')
-    run.add_argument('--init', metavar='CHECKPOINT|MODEL', help='weights to begin a new run with; of a .safetensors file those of '
-                     'every encoder layer that has the shape of the recipe\'s')
+    run.add_argument('--init', metavar='CHECKPOINT|MODEL',
+                     help='weights to begin a new run with; of a .safetensors file those of every encoder layer that has the '
+                          'shape of the recipe\'s')
     run.add_argument('--device', choices=('cpu', 'cuda'), help='default: cuda where there is one')
     run.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), metavar='N', help='default: all cores')
     run.add_argument('--workers', type=int, metavar='N', help='processes that read ahead; default: 4 with cuda, else 0')
