@@ -46,6 +46,28 @@ struct ConvStep {
 /// The step leaves nothing to do for a map.
 inline bool writes_map(const ConvStep& step) { return step.reduced && step.variant == ConvVariant::winograd4x1; }
 
+/// What all push constants of convolutions have of a step whose input begins `taps` texels before its first pixel, and whose
+/// output is `to`.
+template <class Push>
+void set_layer(Push& push, const ConvStep& step, uint32_t taps, const TensorLayout& to) {
+  push.width = step.out.width;
+  push.height = step.out.height;
+  push.images = step.out.images;
+  push.dilation = step.dilation;
+  push.in_offset = step.in.offset() - taps;
+  push.in_pitch = step.in.pitch();
+  push.in_plane = step.in.plane();
+  push.in_image = step.in.image();
+  push.in_planes = step.in.planes();
+  push.out_offset = to.offset();
+  push.out_pitch = to.pitch();
+  push.out_plane = to.plane();
+  push.out_image = to.image();
+  push.out_planes = step.out.planes();
+  push.weights = step.packed.weights;
+  push.bias = step.packed.bias;
+}
+
 /// Workgroups of `lanes` invocations for `count`, spread over y and z behind `x` in x.
 engine::Groups spread(uint32_t x, uint64_t count, uint32_t lanes);
 

@@ -185,22 +185,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
   const TensorLayout& to = step.reduced ? step.half : step.out;
   const uint64_t group = group_tiles(product_lanes_), groups = (tiles.all + group - 1) / group;
   shaders::WinogradPush push{};
-  push.width = step.out.width;
-  push.height = step.out.height;
-  push.images = step.out.images;
-  push.dilation = step.dilation;
-  push.in_offset = step.in.offset();
-  push.in_pitch = step.in.pitch();
-  push.in_plane = step.in.plane();
-  push.in_image = step.in.image();
-  push.in_planes = step.in.planes();
-  push.out_offset = to.offset();
-  push.out_pitch = to.pitch();
-  push.out_plane = to.plane();
-  push.out_image = to.image();
-  push.out_planes = step.out.planes();
-  push.weights = step.packed.weights;
-  push.bias = step.packed.bias;
+  set_layer(push, step, 0, to);
   push.lane_bits = static_cast<uint32_t>(std::countr_zero(product_lanes_));
   push.halves = step.half.width > 0 && step.half.height > 0;
   push.sums = step.reduced ? channel_sums(step, precision_).offset : 0;
@@ -232,22 +217,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
 void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
                                  const engine::Buffer& weights, const engine::Buffer& out) const {
   shaders::ConvPush push{};
-  push.width = step.out.width;
-  push.height = step.out.height;
-  push.images = step.out.images;
-  push.dilation = step.dilation;
-  push.in_offset = step.in.offset() - step.dilation * (step.in.pitch() + 1);
-  push.in_pitch = step.in.pitch();
-  push.in_plane = step.in.plane();
-  push.in_image = step.in.image();
-  push.in_planes = step.in.planes();
-  push.out_offset = step.out.offset();
-  push.out_pitch = step.out.pitch();
-  push.out_plane = step.out.plane();
-  push.out_image = step.out.image();
-  push.out_planes = step.out.planes();
-  push.weights = step.packed.weights;
-  push.bias = step.packed.bias;
+  set_layer(push, step, step.dilation * (step.in.pitch() + 1), step.out);
   const bool direct = step.variant == ConvVariant::direct;
   const uint32_t tall = direct ? ICLK_CONV_ROWS : 4 * ICLK_COLUMN_TILES;
   const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, tall * push.dilation)) * push.dilation;

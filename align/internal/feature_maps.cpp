@@ -25,14 +25,8 @@ void FeatureMaps::record(engine::Recorder& recorder, const ConvStep& last, const
   shaders::FeatureMapPush push{};
   push.width = in.width;
   push.height = in.height;
-  push.map_offset = place.offset;
-  push.map_pitch = place.pitch;
-  push.map_stride = place.stride;
+  set_place(push, place);
   push.first_image = part.first_image;
-  push.first_u = place.first_u;
-  push.first_v = place.first_v;
-  push.end_u = place.end_u;
-  push.end_v = place.end_v;
   push.inverse_channels = 1.0f / static_cast<float>(in.channels);
   const engine::Groups groups{engine::groups_for((in.width + 1) / 2, kLanes), (in.height + 1) / 2, part.count};
   if (last.reduced) {

@@ -55,35 +55,14 @@ void FusedColumns::record(engine::Recorder& recorder, const ConvStep& step, cons
   const uint32_t blocks = blocks_of(step);
   const TensorLayout& to = step.reduced ? step.half : step.out;
   shaders::ColumnPush push{};
-  push.width = step.out.width;
-  push.height = step.out.height;
-  push.images = step.out.images;
-  push.dilation = step.dilation;
-  push.in_offset = step.in.offset() - step.dilation * (step.in.pitch() + 1);
-  push.in_pitch = step.in.pitch();
-  push.in_plane = step.in.plane();
-  push.in_image = step.in.image();
-  push.in_planes = step.in.planes();
-  push.out_offset = to.offset();
-  push.out_pitch = to.pitch();
-  push.out_plane = to.plane();
-  push.out_image = to.image();
-  push.out_planes = step.out.planes();
-  push.weights = step.packed.weights;
-  push.bias = step.packed.bias;
+  set_layer(push, step, step.dilation * (step.in.pitch() + 1), to);
   push.counter = step.counter;
   push.item_blocks = step.reduced ? blocks : std::clamp(kItemWork / push.in_planes, 1u, blocks);
   push.item_steps = std::max(kItemWork / (push.in_planes * push.item_blocks), 1u);
   const engine::Buffer* maps[] = {&out, &out};  // not written
   if (step.reduced) {
     push.halves = step.half.width > 0 && step.half.height > 0;
-    push.map_offset = place.offset;
-    push.map_pitch = place.pitch;
-    push.map_stride = place.stride;
-    push.first_u = place.first_u;
-    push.first_v = place.first_v;
-    push.end_u = place.end_u;
-    push.end_v = place.end_v;
+    set_place(push, place);
     push.inverse_channels = 1.0f / static_cast<float>(step.out.channels);
     push.split = parts.front().count;
     for (size_t i = 0; i < 2; ++i) {

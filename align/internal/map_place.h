@@ -17,6 +17,17 @@ struct MapPlace {
   }
 };
 
+template <class Push>
+void set_place(Push& push, const MapPlace& place) {
+  push.map_offset = place.offset;
+  push.map_pitch = place.pitch;
+  push.map_stride = place.stride;
+  push.first_u = place.first_u;
+  push.first_v = place.first_v;
+  push.end_u = place.end_u;
+  push.end_v = place.end_v;
+}
+
 /// Images at .. at + count - 1 of a pass, whose maps are number first_image and those that follow in `maps`.
 struct MapPart {
   const engine::Buffer* maps;
