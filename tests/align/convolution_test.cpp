@@ -66,7 +66,7 @@ ConvStep step_for(const Way& way, const Shape& shape) {
 // What a step makes of random images in `bytes` of memory, and the plain convolution of each of them.
 struct Outcome {
   std::vector<float> made;
-  std::vector<float> maps[2];  // of the first image, and of the others
+  std::vector<float> maps[2];  // of the first image, and of the others, one too late
   std::vector<std::vector<double>> expected;
 };
 Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, const internal::MapPlace& place = {}) {
@@ -89,7 +89,7 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, c
                                       ? ConvKernels::scratch_texels(step, *context)
                                       : std::max<uint64_t>(1, ConvKernels::scratch_texels(step, context->info().type, 1 << 14));
   const auto scratch = plan.add("scratch", 16 * scratch_texels, MemoryKind::device, ConvKernels::kScratch, texel);
-  const uint64_t map_bytes = std::max<uint64_t>(16, 4ull * place.stride * shape.images);
+  const uint64_t map_bytes = std::max<uint64_t>(16, 4ull * place.stride * (shape.images + 1));
   const engine::BufferId maps[] = {plan.add("map", map_bytes, MemoryKind::readback, engine::BufferUse::storage),
                                    plan.add("other maps", map_bytes, MemoryKind::readback, engine::BufferUse::storage)};
   const engine::Workspace memory(context, plan);
@@ -118,7 +118,7 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, c
   engine::Recorder recorder(*context, submission.begin(), arena);
   kernels.record_borders(recorder, step.in, step.reduced ? TensorLayout{} : step.out, memory[in], memory[out]);
   if (step.fused) kernels.record_start(recorder, memory[scratch]);
-  const internal::MapPart parts[] = {{&memory[maps[0]], 0, 1, 0}, {&memory[maps[1]], 1, shape.images - 1, 1}};
+  const internal::MapPart parts[] = {{&memory[maps[0]], 0, 1, 0}, {&memory[maps[1]], 1, shape.images - 1, 2}};
   kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch], place,
                  std::span(parts).first(shape.images > 1 ? 2 : 1));
   recorder.host_read({&memory[out], &memory[maps[0]], &memory[maps[1]]});
@@ -207,7 +207,7 @@ TEST_P(ReducedConvolution, MakesMeansAndSumsOrMapsOfThePlainOne) {
           for (uint32_t u = 0; u < w; ++u) {
             double e = 0;
             for (uint32_t c = 0; c < step.out.channels; ++c) e += expected(c, v, u) / step.out.channels;
-            const float made = outcome.maps[n > 0][place.offset + n * place.stride + v * pitch + u];
+            const float made = outcome.maps[n > 0][place.offset + (n > 0 ? n + 1 : 0) * place.stride + v * pitch + u];
             if (u < place.first_u || u >= place.end_u || v < place.first_v || v >= place.end_v)
               ASSERT_TRUE(std::isnan(made)) << "not asked for, at " << u << ", " << v;
             else

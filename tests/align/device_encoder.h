@@ -37,7 +37,8 @@ struct DeviceEncoder {
       tuning.variants[shape] = variant;
   }
 
-  /// Maps of all images, in passes of `pass` images; the last `last` of them are recorded first, as if they lay elsewhere.
+  /// Maps of all images, in passes of `pass` images; the last `last` of them are recorded after the first one, as if they lay
+  /// elsewhere. Precondition: `last` is less than their number.
   std::vector<float> encode(const std::vector<ImageView>& images, uint32_t pass, uint32_t last = 0) const {
     const auto context = device();
     const auto n = static_cast<uint32_t>(images.size());
@@ -61,8 +62,9 @@ struct DeviceEncoder {
     engine::Submission submission(context);
     engine::Recorder recorder(*context, submission.begin(), arena);
     recorder.fill(memory[maps], 0x7fc00000u);  // what is not written is no number
-    const internal::Encoder::Images all[] = {{&memory[pixels], &memory[maps], n - last, last},
-                                             {&memory[pixels], &memory[maps], 0, n - last}};
+    const internal::Encoder::Images all[] = {{&memory[pixels], &memory[maps], 0, 1},
+                                             {&memory[pixels], &memory[maps], n - last, last},
+                                             {&memory[pixels], &memory[maps], 1, n - last - 1}};
     encoder.record(recorder, memory, all);
     submission.end();
     submission.submit_and_wait();

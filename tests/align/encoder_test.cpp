@@ -47,8 +47,9 @@ TEST_P(EncoderDevice, IsThePlainOneInEveryBatch) {
   std::vector<std::vector<uint8_t>> images(3);
   for (auto& image : images)
     for (int i = 0; i < 3 * c.width * c.height; ++i) image.push_back(static_cast<uint8_t>(random()));
-  // Two sources: one that a pass and a half takes, and one beside it.
-  const auto together = encoder.encode(images, 3), in_two = encoder.encode(images, 2), in_parts = encoder.encode(images, 2, 1);
+  // Three sources: in two passes of two images, and in one that has room for all of them.
+  const auto together = encoder.encode(images, 3), in_two = encoder.encode(images, 2), in_parts = encoder.encode(images, 2, 1),
+             in_three = encoder.encode(images, 3, 1);
   const bool grey = c.format == PixelFormat::r8 || c.format == PixelFormat::r32f;
   for (size_t i = 0; i < images.size(); ++i) {
     const auto alone = encoder.encode({images[i]}, 1);
@@ -72,6 +73,7 @@ TEST_P(EncoderDevice, IsThePlainOneInEveryBatch) {
           ASSERT_EQ(together[i * encoder.layout.map_stride + at], alone[at]) << "image " << i << " level " << l;
           ASSERT_EQ(in_two[i * encoder.layout.map_stride + at], alone[at]) << "image " << i << " level " << l;
           ASSERT_EQ(in_parts[i * encoder.layout.map_stride + at], alone[at]) << "image " << i << " level " << l;
+          ASSERT_EQ(in_three[i * encoder.layout.map_stride + at], alone[at]) << "image " << i << " level " << l;
         }
     }
   }
