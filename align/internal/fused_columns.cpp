@@ -44,8 +44,9 @@ bool FusedColumns::can_reduce(const ConvStep& step) {
 }
 
 void FusedColumns::add_to(engine::ArenaSize& size) const {
-  for (const engine::Kernel& kernel : kernels_)
-    if (kernel) size.add(kernel, 2);
+  // The activations go to and fro between two buffers, and maps go to either of two, or to both.
+  for (uint32_t i = 0; i < kKernels; ++i)
+    if (kernels_[i]) size.add(kernels_[i], i == 0 ? 2 : 2 * 4);
 }
 
 void FusedColumns::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
