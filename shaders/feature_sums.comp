@@ -1,6 +1,6 @@
 #version 460
 // End of an encoder level whose last layer left sums over eight channels each (winograd_sums.glsl): the feature map is the
-// mean over all. An invocation makes two 2x2 blocks of a row: lavapipe stores four floats in one go in the time of one.
+// mean over all. An invocation makes two 2x2 blocks of a row, so that four floats are stored at once.
 // Groups: (ceil(ceil(width / 4) / local size), ceil(height / 2), images).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
