@@ -47,7 +47,7 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.fused = shuffle_ && can_fuse(step, context);
       step.reduced = last && can_reduce(step);
-      step.whole_map = true;
+      step.whole_map = writes_map(step);
       for (const Tiling::Span& row : tiling_.rows)
         for (const Tiling::Span& column : tiling_.columns)
           step.whole_map = step.whole_map && map_place(level.info, l, column, row).whole(step.out.width);
@@ -74,8 +74,8 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   const auto add = [&](const char* name, uint64_t count, Precision of, engine::BufferUse use = ConvKernels::kActivations) {
     return memory.add(name, texel_bytes(of) * count, engine::MemoryKind::device, use, texel_format(of));
   };
-  activations_[0] = add("activations, even layers", texels[0] * pass_, precision_);
-  activations_[1] = add("activations, odd layers", texels[1] * pass_, precision_);
+  activations_[0] = add("activations, even layers", std::max<uint64_t>(texels[0], 1) * pass_, precision_);
+  activations_[1] = add("activations, odd layers", std::max<uint64_t>(texels[1], 1) * pass_, precision_);
   weights_ = add("encoder weights", weights, Precision::fp32, ConvKernels::kWeights);
   scratch_ = add("transformed tiles", scratch, Precision::fp32, ConvKernels::kScratch);
   const auto storage = [&](const char* name, uint64_t floats) {
