@@ -8,6 +8,7 @@
 #include <iclk/align/internal/lm.h>
 #include <iclk/align/internal/m_estimator.h>
 #include <iclk/align/internal/mask.h>
+#include <iclk/align/internal/matching.h>
 #include <iclk/align/internal/model_check.h>
 #include <iclk/align/internal/search.h>
 #include <iclk/align/internal/verdict.h>
@@ -21,6 +22,7 @@ struct CpuAligner::Keyframe {
   Features features;
   std::vector<FeatureCheck> checks;
   Pyramid grey;
+  Map match;                               // where starts are matched
   std::vector<internal::Template> levels;  // finest first
   double mean_inverse_depth = 0;
 };
@@ -33,6 +35,8 @@ struct CpuAligner::Maps {
 CpuAligner::CpuAligner(const Plan& plan, const AlignerOptions& options, std::shared_ptr<const Model> model)
     : plan_(plan), options_(options), model_(std::move(model)) {
   plan_.check(options_);
+  if (const internal::MatchLayout match(plan_, options_); match.enabled)
+    match_ = std::make_unique<internal::MatchLayout>(match);
   if (model_) {
     internal::check_model(*model_);
     internal::check_model_use(*model_, options_);
@@ -68,6 +72,7 @@ std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& r
       keyframe->levels.push_back(internal::sparse_template(f0, reference.features, mask, level));
     }
   }
+  if (match_) keyframe->match = internal::match_map(maps.grey[0], *match_);
   keyframe->grey = std::move(maps.grey);
   auto& kept = keyframes_[static_cast<size_t>(slot)];
   kept = std::move(keyframe);
@@ -86,14 +91,14 @@ std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
   out.reserve(pairs.size());
   for (size_t i = 0; i < pairs.size(); ++i) {
     Maps maps = maps_of(pairs[i].target);
-    out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], maps.aligned(), pairs[i]));
+    out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], maps.aligned(), maps.grey[0], pairs[i]));
     targets_[i].grey = std::move(maps.grey);
     if (channels(pairs[i].target.format) > 1) targets_[i].rgb = rgb_maps(pairs[i].target);
   }
   return out;
 }
 
-Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, const Pair& pair) const {
+Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, const Map& grey1, const Pair& pair) const {
   if (!internal::enough_to_align(keyframe.checks, keyframe.mean_inverse_depth, plan_, options_))
     return internal::too_few_features(keyframe.checks, pair.T_10, options_);
 
@@ -101,9 +106,17 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
   out.features = keyframe.checks;
   Map weight;  // the M-estimator's, of the level before
   internal::Agreement agreement;
-  const SE3 start = options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
-                                                                     keyframe.mean_inverse_depth, pair.T_10, options_)
-                                            : pair.T_10;
+  std::optional<SE3> matched;
+  if (match_)
+    matched = internal::pose_of(
+        internal::correspondences(keyframe.match, internal::match_map(grey1, *match_), keyframe.features, keyframe.checks,
+                                  keyframe.camera, keyframe.mean_inverse_depth, *match_),
+        keyframe.camera, keyframe.mean_inverse_depth, *match_);
+  const int first_level = matched ? match_->first_level : options_.levels - 1;
+  const SE3 start = matched                  ? *matched
+                    : options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
+                                                                       keyframe.mean_inverse_depth, pair.T_10, options_)
+                                              : pair.T_10;
   internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, start);
   for (int level = options_.levels - 1; level >= 0; --level) {
     const Camera camera = keyframe.camera.at_level(level);
@@ -112,9 +125,10 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
     if (level == options_.levels - 1 && options_.photometric)
       lm.start_photometric(internal::normal_equations(pixels, target, camera, lm.point(), {}));
 
-    lm.begin_level(camera);
     LevelTrace trace;
     trace.level = level;
+    const bool skips = level > first_level;
+    if (!skips) lm.begin_level(camera);
     std::vector<float> weights;
     if (options_.robust != Robust::unit) {  // once a level, from the residual with which it starts
       const auto r = internal::residuals(pixels, target, camera, lm.point());
@@ -123,9 +137,9 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
     } else if (model_ && !model_->m_estimator.empty()) {
       weights = internal::m_estimator_weights(*model_, pixels, target, camera, lm.point(), weight);
     }
-    for (int i = 0; i < options_.iterations && !lm.level_done(); ++i)
+    for (int i = 0; i < options_.iterations && !skips && !lm.level_done(); ++i)
       trace.iterations.push_back(lm.step(internal::normal_equations(pixels, target, camera, lm.point(), weights)));
-    if (level == 0 || options_.damping == Damping::adaptive)
+    if (!skips && (level == 0 || options_.damping == Damping::adaptive))
       lm.end_level(internal::normal_equations(pixels, target, camera, lm.point(), weights));
     if (level == 0) agreement = internal::agreement(pixels, target, camera, lm.point(), weights);
     out.levels.push_back(std::move(trace));

@@ -5,6 +5,10 @@
 
 namespace iclk {
 
+namespace internal {
+struct MatchLayout;
+}
+
 /// The CPU reference: every stage in plain C++ and Eigen under the name it has in shaders/. One thread.
 class CpuAligner : public Aligner {
  public:
@@ -36,11 +40,12 @@ class CpuAligner : public Aligner {
     std::vector<Map> rgb;
   };
   Maps maps_of(const ImageView& image) const;
-  Alignment align_one(const Keyframe& keyframe, const Pyramid& f1, const Pair& pair) const;
+  Alignment align_one(const Keyframe& keyframe, const Pyramid& f1, const Map& grey1, const Pair& pair) const;
 
   Plan plan_;
   AlignerOptions options_;
   std::shared_ptr<const Model> model_;
+  std::unique_ptr<const internal::MatchLayout> match_;  // null: starts are not matched
   std::vector<std::unique_ptr<Keyframe>> keyframes_;
   std::vector<Target> targets_;
 };

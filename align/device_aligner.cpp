@@ -47,10 +47,11 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       kernels(context, plan, options, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
       network(*context, model, layout, plan, options, batch, tuning, ids.plan),
+      matching(plan, options, layout, sizes, batch, ids.plan),
       memory(context, ids.plan),
       run_ids(layout, options, context->unified_memory(), batch),
       run(context, run_ids.plan),
-      arena(context, (network.load(context, memory, sizes.iterate), arena_size())),
+      arena(context, (network.load(context, memory, sizes.iterate), matching.load(context), arena_size())),
       submission(context),
       slots(static_cast<size_t>(plan.max_references)),
       tiles(plan, layout) {
@@ -65,7 +66,7 @@ uint32_t DeviceAligner::Impl::most_features() const {
   return static_cast<uint32_t>(most);
 }
 
-engine::ArenaSize DeviceAligner::Impl::arena_size() const { return internal::Stages::arena_size(kernels, network); }
+engine::ArenaSize DeviceAligner::Impl::arena_size() const { return internal::Stages::arena_size(kernels, network, matching); }
 
 DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
                              Solver solver, std::shared_ptr<const Model> model, const Tuning& tuning)
@@ -82,6 +83,7 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
   const internal::DeviceNetwork network(context, model, layout, plan, options, batch, tuning, ids.plan);
+  const internal::DeviceMatching matching(plan, options, layout, sizes, batch, ids.plan);
   const internal::RunBuffers run_ids(layout, options, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);

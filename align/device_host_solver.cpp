@@ -13,10 +13,11 @@ struct DeviceAligner::Impl::HostRun {
   std::span<const Pair> pairs;
   std::vector<LmIteration> lm;
   std::vector<Alignment> out;
+  std::vector<int> first_level;  // of a pair: takes no steps at coarser ones
   shaders::PairInfo* infos;
 
   HostRun(Impl& impl, std::span<const Pair> batch_pairs)
-      : m(impl), pairs(batch_pairs), out(batch_pairs.size()), infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
+      : m(impl), pairs(batch_pairs), out(batch_pairs.size()), first_level(batch_pairs.size(), impl.options.levels - 1), infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
     for (size_t i = 0; i < pairs.size(); ++i) {
       const Slot& slot = slot_of(i);
       m.pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, static_cast<uint32_t>(i), m.run_ids, m.run);
@@ -30,6 +31,8 @@ struct DeviceAligner::Impl::HostRun {
     return {{&m.options, pairs[i].prior ? &*pairs[i].prior : nullptr, slot_of(i).mean_inverse_depth}, start};
   }
   uint32_t count() const { return static_cast<uint32_t>(pairs.size()); }
+
+  bool steps(size_t i, int level) const { return slot_of(i).enough && level <= first_level[i] && !lm[i].level_done(); }
 
   void point(size_t i, bool enabled) {
     infos[i].enabled = enabled && slot_of(i).enough;
@@ -90,7 +93,10 @@ struct DeviceAligner::Impl::HostRun {
       m.submission.end();
       m.submit();
       for (size_t i = 0; i < pairs.size(); ++i)
-        if (slot_of(i).enough) lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));
+        if (slot_of(i).enough) {
+          lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));
+          first_level[i] = static_cast<int>(infos[i].first_level);
+        }
     }
     if (m.options.photometric) {
       evaluate(coarsest, ICLK_FLAG_UNIT_WEIGHTS, upload);
@@ -103,7 +109,7 @@ struct DeviceAligner::Impl::HostRun {
   template <class Upload>
   void align_level(int level, Upload& upload) {
     for (size_t i = 0; i < pairs.size(); ++i) {
-      lm[i].begin_level(slot_of(i).camera.at_level(level));
+      if (level <= first_level[i]) lm[i].begin_level(slot_of(i).camera.at_level(level));
       LevelTrace trace;
       trace.level = level;
       if (slot_of(i).enough) out[i].levels.push_back(trace);
@@ -124,11 +130,11 @@ struct DeviceAligner::Impl::HostRun {
     for (int iteration = 0; iteration < m.options.iterations; ++iteration) {
       bool any = false;
       for (size_t i = 0; i < pairs.size(); ++i) {
-        if (!slot_of(i).enough || lm[i].level_done()) continue;
+        if (!steps(i, level)) continue;
         out[i].levels.back().iterations.push_back(lm[i].step(sums(i, level)));
         any = any || !lm[i].level_done();
       }
-      for (size_t i = 0; i < pairs.size(); ++i) point(i, !lm[i].level_done());
+      for (size_t i = 0; i < pairs.size(); ++i) point(i, steps(i, level));
       if (!any || iteration + 1 == m.options.iterations) break;
       evaluate_again();
     }
@@ -136,7 +142,7 @@ struct DeviceAligner::Impl::HostRun {
     for (size_t i = 0; i < pairs.size(); ++i) point(i, true);
     evaluate_again();
     for (size_t i = 0; i < pairs.size(); ++i)
-      if (slot_of(i).enough) lm[i].end_level(sums(i, level));
+      if (slot_of(i).enough && level <= first_level[i]) lm[i].end_level(sums(i, level));
     if (level == 0) evaluate_agreement();
   }
 

@@ -1,6 +1,9 @@
 // What is known of a pair's pose beside the images of this level: the prior of the host at first, and what coarser levels have
 // left (align/internal/lm.h). Needs prior.glsl, the bindings pairs[] and states[] and the push constants IteratePush.
 
+// A pair that begins at a finer level takes no step here, and finds out nothing.
+bool skips_level(uint pair) { return push.level > pairs[pair].first_level; }
+
 bool carried() { return (push.flags & ICLK_FLAG_CARRIED) != 0u; }
 bool has_belief(uint pair) { return carried() || pairs[pair].has_prior != 0u; }
 

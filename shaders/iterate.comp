@@ -97,9 +97,10 @@ void main() {
     float scale = weigh_level(view, count);
     if (write) states[pair].scale[push.level] = scale;
   }
-  uint evaluations = starts ? 1u : push.iterations + (ends ? 1u : 0u);
+  uint iterations = skips_level(pair) ? 0u : push.iterations;
+  uint evaluations = starts ? 1u : iterations + (ends ? 1u : 0u);
   for (uint i = 0u; i < evaluations; ++i) {
-    bool last = ends && (lm.done || i == push.iterations);
+    bool last = ends && (lm.done || i == iterations);
     if (lm.done && !ends) break;
     view.pose = lm.pose;
     view.gain = lm.gain;

@@ -91,6 +91,18 @@ void lm_end(inout Lm lm, uint pair, bool believes) {
 // After store_state(): what the next finer level shall believe. One invocation.
 void leave_belief(uint pair, Lm lm, bool believes) {
   if (push.carry == 0.0) return;
+  uint to = push.level & 1u;
+  if (skips_level(pair)) {  // what was known stays known
+    uint from = to ^ 1u;
+    bool prior = pairs[pair].has_prior != 0u;
+    STORE_POSE(states[pair].beliefs[to].pose, lm.pose)
+    for (uint i = 0u; i < 12u && (carried() || prior); ++i)
+      states[pair].beliefs[to].pose[i] = carried() ? states[pair].beliefs[from].pose[i] : pairs[pair].prior_pose[i];
+    for (uint i = 0u; i < 36u; ++i)
+      states[pair].beliefs[to].information[i] = carried() ? states[pair].beliefs[from].information[i]
+                                                : prior   ? pairs[pair].prior_information[i] : 0.0;
+    return;
+  }
   float information[36], size = 0.0, own;
   for (uint i = 0u; i < 36u; ++i) {
     information[i] = push.carry * pose_information(pair, PHOTOMETRIC, i / 6u, i % 6u, own) / lm.scale;
@@ -102,7 +114,6 @@ void leave_belief(uint pair, Lm lm, bool believes) {
     Prior p = belief_at(pair, lm.pose);
     for (uint i = 0u; i < 36u; ++i) information[i] += p.H[i];
   }
-  uint to = push.level & 1u;
   for (uint i = 0u; i < 36u; ++i) states[pair].beliefs[to].information[i] = information[i];
   STORE_POSE(states[pair].beliefs[to].pose, lm.pose)
 }

@@ -34,6 +34,13 @@ void main() {
     lm.bias = pairs[pair].bias;
   }
   if (push.iterations == 0u && !ends) begin_level(lm);  // also where it starts: an earlier batch's state must not count as done
+  bool skips = skips_level(pair) && !starts && !ends;
+  lm.done = lm.done || skips;
+  if (skips && lane == 0u && push.iterations == 0u) {
+    store_state(pair, lm);
+    leave_belief(pair, lm, false);
+    states[pair].iterations[push.level] = 0u;
+  }
   if (lm.done && !ends) return;  // the same for every lane
   if (lane < ICLK_SUM_VECTORS) {
     vec4 sum = vec4(0.0);

@@ -24,12 +24,14 @@ float score_of(uint candidate) {
 
 void keep(uint from, uint pair, uint place) {
   uint start = pair * push.starts, to = pair * push.keep + place;
+  if (starts[start].enabled == 0u && push.last != 0u) return;  // matching has found the start (match_pose.comp)
   bool usable = scores[from] > -2.0;
   if (push.last == 0u) {
     kept[to].reference = starts[start].reference;
     kept[to].target = pair;
     kept[to].enabled = usable ? starts[start].enabled : 0u;
     kept[to].has_prior = 0u;
+    kept[to].first_level = starts[start].first_level;
     kept[to].gain = 1.0;
     kept[to].bias = 0.0;
   }

@@ -56,6 +56,23 @@ using uint = uint32_t;
 #define ICLK_SEARCH_FEATURES 96  // of more, so many take part, evenly out of their list
 #define ICLK_SEARCH_WHOLE 24     // of more, every second row of a patch: at the coarsest level patches lie on one another
 
+// Starts by matching (align/internal/matching.h). Places are pixels of a grey map that is smaller than the image by a whole
+// number; a descriptor describes the 8x8 pixels to the right of a place and below.
+#define ICLK_MATCH_AREA 24000       // pixels of that map, at most
+#define ICLK_MATCH_TEXELS 4         // vec4 of a descriptor
+#define ICLK_MATCH_ROLLS 5          // of the reference's patch
+#define ICLK_MATCH_ROLL 0.25        // rad from one to the next
+#define ICLK_MATCH_FEATURES 200     // of more, so many take part, evenly out of their list
+#define ICLK_MATCH_TILE 16          // places: each feature has one best place a tile of so many squared
+#define ICLK_MATCH_LEAST 0.02       // norm of a descriptor before it is normalised: less is no texture
+#define ICLK_MATCH_HYPOTHESES 512   // poses from three correspondences each
+#define ICLK_MATCH_GROUP 8          // invocations that refine the best hypotheses, one each
+#define ICLK_MATCH_STEPS 8          // of that refinement
+#define ICLK_MATCH_TOLERANCE 1.5    // pixels of the map: a correspondence that is as near agrees with a pose
+// A start is believed if so many correspondences agree with it, and a share of all. Poses that are wrong have up to 13 of 200.
+#define ICLK_MATCH_INLIERS 10
+#define ICLK_MATCH_SHARE 0.06
+
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0
 #define ICLK_ROBUST_HUBER 1
@@ -103,6 +120,7 @@ struct PairInfo {
   uint enabled;  // 0: nothing is computed for this pair
   uint has_prior;
   uint target;       // whose maps
+  uint first_level;  // takes no steps at coarser levels
   float gain, bias;  // where to evaluate: the host solver's point
   float pose[12];
   float prior_pose[12];
@@ -242,6 +260,26 @@ struct SelectPush {
   uint count, keep;
   uint last;  // 1: the pair's own PairInfo gets the pose
   float min_visible;
+};
+
+// The kernels of starts by matching.
+struct MatchPush {
+  uint scale;            // image pixels a pixel of the grey map
+  uint width, height;    // of the grey map
+  uint features;         // of a reference, at most: from one reference's or pair's to the next
+  uint max_features;     // the same of FeatureInfo
+  uint first_reference;  // describe_reference.comp, match_grey.comp
+  uint row_pixels;       // match_grey.comp: pixels from a row to the next
+  uint pixel_words;      // match_grey.comp: 32-bit words from an image to the next
+  uint first_level;      // match_pose.comp: where a pair begins that is believed
+  uint coarsest;         // match_pose.comp: where another does
+  uint starts;           // match_pose.comp: PairInfo of a pair in the list of starts
+};
+
+// The best place of a feature in a tile.
+struct MatchInfo {
+  float score;  // cosine of both descriptors; -2: none
+  uint place;   // v * width + u
 };
 
 // Feature alignment: all features of one pair, warped by one pose.

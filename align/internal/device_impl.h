@@ -33,6 +33,7 @@ struct DeviceAligner::Impl {
   internal::Kernels kernels;
   internal::AlignerBuffers ids;
   internal::DeviceNetwork network;
+  internal::DeviceMatching matching;
   engine::Workspace memory;
   internal::RunBuffers run_ids;
   engine::Workspace run;
@@ -47,7 +48,7 @@ struct DeviceAligner::Impl {
 
   engine::ArenaSize arena_size() const;
   internal::Stages stages() const {
-    return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, most_features()};
+    return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, matching, most_features()};
   }
   /// Of the references that are set.
   uint32_t most_features() const;

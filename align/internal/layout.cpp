@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <string>
 
+#include <iclk/align/internal/matching.h>
 #include <iclk/engine/error.h>
 
 namespace iclk::internal {
@@ -43,6 +44,7 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
   }
   weight_stride = round_up(weight_stride, 1024);  // whole blocks (shaders/weights.glsl) of the largest workgroup
   map_stride = std::max(map_stride, 4u);          // no map at all is no buffer
+  match_places = static_cast<uint32_t>(MatchLayout(plan, options).places());
   trace_stride = static_cast<uint32_t>(options.levels * options.iterations);
 }
 
@@ -69,6 +71,8 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
   uint64_t pairs = std::min({range / map, texels / layout.map_stride, texels / level0, range / pixels, range / weights,
                              static_cast<uint64_t>(limits.maxComputeWorkGroupCount[1]),
                              static_cast<uint64_t>(limits.maxComputeWorkGroupCount[2])});
+  const uint64_t descriptors = ICLK_MATCH_TEXELS * std::max<uint64_t>(layout.match_places, 1);  // vec4
+  pairs = std::min({pairs, range / (16 * descriptors), texels / descriptors});
   // Shaders index with 32-bit integers, partly signed.
   pairs = std::min(pairs, uint64_t{0x7fffffff} / std::max({layout.map_stride, layout.level_stride(0), layout.weight_stride}));
   return static_cast<int>(std::min<uint64_t>(pairs, static_cast<uint64_t>(plan.max_pairs)));

@@ -25,6 +25,7 @@ struct Layout {
   uint32_t trace_stride = 0;               // entries of a pair
   uint32_t tile_stride = 0;                // mask tiles of a reference at most, all levels
   uint32_t entry_stride = 0;               // their entries
+  uint32_t match_places = 0;               // of a target, where starts are matched
 
   uint32_t row_pixels() const { return blocks_x * ICLK_BLOCK; }
   /// Texels from an image to the next, in the buffer that holds this level.

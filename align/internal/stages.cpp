@@ -81,9 +81,10 @@ uint32_t partial_groups(const Layout& layout, const WorkgroupSizes& sizes, int l
   return groups_for(layout.levels[static_cast<size_t>(level)].element_count, sizes.group_elements);
 }
 
-engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& network) {
+engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& network, const DeviceMatching& matching) {
   engine::ArenaSize size;
   network.add_to(size);
+  matching.add_to(size);
   if (!network.encoder) k.pyramid.add_to(size, 2);
   if (k.mask) size.add(k.mask);
   if (k.inverse_depth) size.add(k.inverse_depth);
@@ -111,6 +112,8 @@ void Stages::maps(Recorder& recorder, std::span<const Run> references, uint32_t 
 
 void Stages::prepare(Recorder& recorder, const Run& references) const {
   const auto [first, count] = references;
+  if (matching)
+    matching.describe(recorder, memory, at(ids.pixels0), at(ids.references), at(ids.features), first, count);
   recorder.stage("mask");
   const auto max_features = static_cast<uint32_t>(plan.max_features);
   const auto levels_n = static_cast<uint32_t>(layout.levels.size());
@@ -323,6 +326,7 @@ shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int referen
   info.target = target;
   info.enabled = enabled;
   info.has_prior = prior != nullptr;
+  info.first_level = static_cast<uint32_t>(options.levels - 1);
   info.gain = 1;
   pack_pose(T_10, info.pose);
   if (prior) {

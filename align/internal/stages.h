@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/internal/device_matching.h>
 #include <iclk/align/internal/device_network.h>
 #include <iclk/align/internal/kernels.h>
 #include <iclk/align/internal/verdict.h>
@@ -48,6 +49,7 @@ struct Stages {
   const RunBuffers& run_ids;
   const engine::Workspace& run;
   const DeviceNetwork& network;
+  const DeviceMatching& matching;
   uint32_t features;  // of any reference, at most
 
   /// References [first, first + count).
@@ -58,7 +60,7 @@ struct Stages {
   void maps(engine::Recorder& recorder, std::span<const Run> references, uint32_t targets) const;
   /// Mask and Jacobian of references that have maps.
   void prepare(engine::Recorder& recorder, const Run& references) const;
-  /// Start search: the poses of the first `pairs` PairInfo are replaced by the best found about them. The starts must have
+  /// Start search: the poses of the first `pairs` PairInfo are replaced by those that matching finds, or the best about them. The starts must have
   /// been packed.
   void search(engine::Recorder& recorder, uint32_t pairs) const;
   /// Residual and weights with which a level starts; nothing with unit weights.
@@ -77,7 +79,7 @@ struct Stages {
   const engine::Buffer& map1(int level) const { return at(level == 0 && layout.level0_in_pixels ? ids.pixels1 : ids.maps1); }
 
   /// Room in a descriptor arena for one recording.
-  static engine::ArenaSize arena_size(const Kernels& kernels, const DeviceNetwork& network);
+  static engine::ArenaSize arena_size(const Kernels& kernels, const DeviceNetwork& network, const DeviceMatching& matching);
 
  private:
   void result(engine::Recorder& recorder, uint32_t pairs) const;

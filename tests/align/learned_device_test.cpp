@@ -160,14 +160,15 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const internal::Kernels kernels(context, plan, options, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
   internal::DeviceNetwork network(*context, model, layout, plan, options, 1, {}, ids.plan);
+  const internal::DeviceMatching matching(plan, options, layout, sizes, 1, ids.plan);
   const engine::Workspace memory(context, ids.plan);
   if (!memory[ids.pixels0].mapped) GTEST_SKIP() << "device memory is not mapped here";
   network.load(context, memory, sizes.iterate);
   const internal::RunBuffers run_ids(layout, options, true, 1);
   const engine::Workspace run(context, run_ids.plan);
-  engine::DescriptorArena arena(context, internal::Stages::arena_size(kernels, network));
+  engine::DescriptorArena arena(context, internal::Stages::arena_size(kernels, network, matching));
   const internal::Stages stages{
-      layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, static_cast<uint32_t>(features.size())};
+      layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, matching, static_cast<uint32_t>(features.size())};
 
   std::memcpy(memory[ids.levels].mapped, layout.levels.data(), layout.levels.size() * sizeof(shaders::LevelInfo));
   const auto checks = check_features(features, camera);
