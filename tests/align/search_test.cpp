@@ -11,6 +11,7 @@ AlignerOptions searching() {
   AlignerOptions options;
   options.levels = 3;
   options.search.enabled = true;
+  options.search.matching = false;  // matching_test.cpp
   return options;
 }
 
