@@ -108,12 +108,12 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
   internal::Agreement agreement;
   std::optional<SE3> matched;
   if (match_)
-    matched = internal::pose_of(
-        internal::correspondences(keyframe.match, internal::match_map(grey1, *match_), keyframe.features, keyframe.checks,
-                                  keyframe.camera, keyframe.mean_inverse_depth, *match_),
-        keyframe.camera, keyframe.mean_inverse_depth, *match_);
+    matched =
+        internal::pose_of(internal::correspondences(keyframe.match, internal::match_map(grey1, *match_), keyframe.features,
+                                                    keyframe.checks, keyframe.camera, keyframe.mean_inverse_depth, *match_),
+                          keyframe.camera, keyframe.mean_inverse_depth, *match_);
   const int first_level = matched ? match_->first_level : options_.levels - 1;
-  const SE3 start = matched                  ? *matched
+  const SE3 start = matched                   ? *matched
                     : options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
                                                                        keyframe.mean_inverse_depth, pair.T_10, options_)
                                               : pair.T_10;

@@ -17,7 +17,11 @@ struct DeviceAligner::Impl::HostRun {
   shaders::PairInfo* infos;
 
   HostRun(Impl& impl, std::span<const Pair> batch_pairs)
-      : m(impl), pairs(batch_pairs), out(batch_pairs.size()), first_level(batch_pairs.size(), impl.options.levels - 1), infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
+      : m(impl),
+        pairs(batch_pairs),
+        out(batch_pairs.size()),
+        first_level(batch_pairs.size(), impl.options.levels - 1),
+        infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
     for (size_t i = 0; i < pairs.size(); ++i) {
       const Slot& slot = slot_of(i);
       m.pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, static_cast<uint32_t>(i), m.run_ids, m.run);

@@ -163,7 +163,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   uint32_t features = m.most_features();
   for (const DeviceReference& reference : references)
     features = std::max(features, static_cast<uint32_t>(reference.features.size()));
-  const internal::Stages stages{m.layout,           m.plan,         m.options, m.sizes, m.kernels, m.ids, m.memory,
+  const internal::Stages stages{m.layout,           m.plan,         m.options, m.sizes,    m.kernels, m.ids, m.memory,
                                 recording->run_ids, recording->run, m.network, m.matching, features};
   for (const DeviceReference& reference : references) {
     auto checks = check_features(reference.features, reference.camera);

@@ -23,13 +23,14 @@ enum class Damping {
 enum class Precision { fp32, fp16 };
 const char* name(Precision precision);
 
-/// Start search, for pairs without a first guess. First by matching (`matching`): each feature's patch is looked for in the whole
-/// target, in grey values, with rolls of up to 0.5 rad; poses from three of these correspondences each are scored by all, and
-/// the best one is refined. Where enough of them agree it is the start, at a fine level, whatever the motion was.
-/// Where they do not, by rotations: many rotations of camera 1 about the first guess are tried at the coarsest level, so that the basin is no
-/// longer the alignment's alone. `grid` x `grid` pans and tilts, each with the rolls -roll, 0 and roll, are compared by the
-/// correlation of the images there (1); the `screened` best take `iterations` steps (2); of those the `kept` best go through
-/// the two coarsest levels (3), and the best of them is the first guess of the alignment. Sparse mode.
+/// Start search, for pairs without a first guess. First by matching (`matching`): each feature's patch is looked for in the
+/// whole target, in grey values, with rolls of up to 0.5 rad; poses from three of these correspondences each are scored by
+/// all, and the best one is refined. Where enough of them agree it is the start, at a fine level, whatever the motion was and
+/// whatever the guess. Where they do not, by rotations: many rotations of camera 1 about the first guess are tried at the
+/// coarsest level, so that the basin is no longer the alignment's alone. `grid` x `grid` pans and tilts, each with the rolls
+/// -roll, 0 and roll, are compared by the correlation of the images there (1); the `screened` best take `iterations` steps (2);
+/// of those the `kept` best go through the two coarsest levels (3), and the best of them is the first guess of the alignment.
+/// Sparse mode.
 struct StartSearch {
   bool enabled = false;
   bool matching = true;

@@ -145,7 +145,7 @@ class PairAligner {
 };
 
 /// What the results depend on, as the command line or the defaults say it; a model by what is in it.
-Json effective_options(const CLI::App& command, const Model* model) {
+Json effective_options(const CLI::App& command, const SessionOptions& session) {
   const std::vector<std::string> free = {"--help",   "MANIFEST", "--out",   "--batch",         "--threads",
                                          "--memory", "--shard",  "--retry", "--with-features", "--device"};
   Json json = Json::object();
@@ -159,10 +159,15 @@ Json effective_options(const CLI::App& command, const Model* model) {
     }
     json[name] = value;
   }
-  if (model != nullptr) {
+  std::string hashes;
+  const auto add_hash = [&](const Model* model) {
+    if (model == nullptr) return;
     const std::vector<uint8_t> bytes = model_bytes(*model);
-    json["--model"] = model_name(model) + " " + hash_of({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
-  }
+    hashes += " " + hash_of({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
+  };
+  add_hash(session.model.get());
+  for (const ModelStage& stage : session.then) add_hash(stage.model.get());
+  json["--model"] = session.model_name() + hashes;
   return json;
 }
 
@@ -173,8 +178,7 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   const Manifest manifest = read_manifest(options.manifest);
 
   Tally tally;
-  ResultsJournal journal(options.out, manifest,
-                         {effective_options(command, session_options.model.get()), ICLK_VERSION, options.retry},
+  ResultsJournal journal(options.out, manifest, {effective_options(command, session_options), ICLK_VERSION, options.retry},
                          [&](const Json& head) { tally.add(head); });
   const int before = tally.total();
   BatchWork work;

@@ -52,10 +52,19 @@ std::shared_ptr<engine::Context> open_device(std::string device) {
   return engine::create_context(options);
 }
 
+constexpr const char* kPeersModel = "sd6dof";
+
+void need_one_model(const SessionOptions& session) {
+  if (!session.then.empty())
+    throw Error(ErrorCode::invalid_argument,
+                "--model auto is several models: name the one to measure (`iclk eval` and `iclk batch` take auto)");
+}
+
 void run(BenchCommand& command, int& exit) {
-  if (command.run.model.empty()) command.run.model = command.with_peers ? default_model() : "classical";
+  if (command.run.model.empty()) command.run.model = command.with_peers ? kPeersModel : "classical";
   if (command.with_peers) {
     const SessionOptions session = command.run.session();
+    need_one_model(session);
     command.peers.iclk = {nullptr, session.solver, session.aligner, session.model, session.refiner};
     command.peers.features = command.bench.features;
     command.peers.check();
@@ -66,6 +75,7 @@ void run(BenchCommand& command, int& exit) {
   } else {
     std::tie(command.bench.width, command.bench.height) = parse_size(command.size, "--size");
     const SessionOptions session = command.run.session();
+    need_one_model(session);
     command.bench.model = session.model;
     command.bench.say = session.say;
     if (command.bench.pairs.empty()) command.bench.pairs = session.model ? std::vector{1, 4} : BenchOptions().pairs;

@@ -72,7 +72,7 @@ std::string to_table(const BenchReport& report) {
           name == kOdometry[0] ? formatted(" (OpenCV's own choice: %d threads)", report.machine.opencv_threads).c_str() : "");
   for (const BenchProfile& p : report.profiles) {
     out += formatted("\n%sdevice solver%s, %d at a time: ms a pair on the device, times a call\n", p.model ? "model, " : "",
-                     p.model ? ", search and refinement" : "", p.pairs);
+                     p.model ? ", search and refinement" : ", search", p.pairs);
     double sum = 0;
     for (const engine::StageTime& s : p.stages) {
       out += formatted("  %-20s %8.3f  %4d\n", s.name.c_str(), s.milliseconds, s.count);

@@ -178,7 +178,7 @@ void add_refinement(const std::vector<RefinedAlignment>& results, std::vector<St
 BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,
                             std::span<const PeerPair> pairs, int batch) {
   const bool learned = options.model != nullptr;
-  const AlignerCase c{.method = "", .solver = Solver::device, .search = learned, .model = learned};
+  const AlignerCase c{.method = "", .solver = Solver::device, .search = true, .model = learned};
   const auto any_aligner = make_aligner(options, context, batch, c);
   auto& aligner = dynamic_cast<DeviceAligner&>(*any_aligner);
   const auto refiner = learned ? std::make_unique<Refiner>(aligner) : nullptr;

@@ -122,7 +122,7 @@ class Evaluation {
       : options_(options), session_(session), stages_(stage_names(session)) {
     report_.set = set;
     report_.device = session_.device_name();
-    report_.model = model_name(session.model.get());
+    report_.model = session.model_name();
     report_.options = options;
     if (options.baselines) make_baselines();
     for (const AppearanceSpec& spec : options.appearances) {
@@ -167,7 +167,8 @@ class Evaluation {
  private:
   void make_baselines() {
     baselines_.push_back(make_iclk_method(classical(session_, true), false, "classical (paper)"));
-    if (session_.options().model) baselines_.push_back(make_iclk_method(classical(session_, false), true, "classical (ours)"));
+    if (report_.model != "classical")
+      baselines_.push_back(make_iclk_method(classical(session_, false), true, "classical (ours)"));
     baselines_.push_back(make_klt_pnp());
     baselines_.push_back(make_sift_pnp());
     baselines_.push_back(make_orb_pnp());

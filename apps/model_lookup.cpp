@@ -37,7 +37,7 @@ std::vector<std::string> model_folders() {
 
 std::string default_model() {
   const char* wish = std::getenv("ICLK_MODEL");
-  return wish != nullptr && *wish != '\0' ? wish : "sd6dof";
+  return wish != nullptr && *wish != '\0' ? wish : "auto";
 }
 
 std::string find_model(const std::string& name, const std::vector<std::string>& folders) {

@@ -8,7 +8,7 @@ namespace iclk {
 /// where the installed command has its share/iclk/models. Found from where the running command lies, so both may be moved.
 std::vector<std::string> model_folders();
 
-/// What --model is where it is not given: ICLK_MODEL, else the model that iclk is shipped with.
+/// What --model is where it is not given: ICLK_MODEL, else "auto", which is no single model.
 std::string default_model();
 
 /// The path of a model as a person names it: a path, a file of the current folder, or a name (with or without .safetensors)

@@ -147,11 +147,30 @@ std::string hint(Status status, bool feature_file) {
       return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 400 or "
              "--detector grid";
     case Status::diverged:
-      return "the images do not agree: is the motion larger than the search finds, some 10 degrees (give --initial-pose or a "
-             "nearer frame, or a larger --search-grid)? are --camera and --depth-scale right?";
+      return "the images do not agree: do they show the same place, not rolled by more than 35 degrees (else give "
+             "--initial-pose or a nearer frame)? are --camera and --depth-scale right?";
   }
   return "";
 }
+
+namespace {
+
+/// The models that were asked, in turn.
+Json attempts(const RefinedAlignment& result) {
+  Json list = Json::array();
+  for (const Attempt& a : result.attempts)
+    list.push_back({{"model", a.model}, {"status", name(a.status)}, {"reason", a.reason}});
+  return list;
+}
+
+std::string model_line(const RefinedAlignment& result) {
+  std::string before;
+  for (size_t i = 0; i + 1 < result.attempts.size(); ++i)
+    before += (i == 0 ? " (" : ", ") + result.attempts[i].model + " " + name(result.attempts[i].status);
+  return result.model + (before.empty() ? "" : before + ")");
+}
+
+}  // namespace
 
 nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& result, const Session& session) {
   const SessionTimes& t = session.times();
@@ -171,7 +190,8 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
           {"visible_fraction", number(result.iclk.visible_fraction)},
           {"correlation", number(result.iclk.correlation)},
           {"agreement", number(result.iclk.agreement)},
-          {"model", model_name(session.options().model.get())},
+          {"model", result.model},
+          {"attempts", attempts(result)},
           {"device", session.device_name()},
           {"timing_ms", std::move(timing)}};
 }
@@ -181,7 +201,7 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   std::string out;
   out += "reference  " + pair.name_0 + "\n" + "target     " + pair.name_1 + "\n";
   out += format("camera     %dx%d, fx %.2f fy %.2f cx %.2f cy %.2f\n", c.width, c.height, c.fx, c.fy, c.cx, c.cy);
-  if (session.options().model) out += "model      " + printable(model_name(session.options().model.get())) + "\n";
+  if (result.attempts.size() > 1 || result.model != "classical") out += "model      " + printable(model_line(result)) + "\n";
   out += "device     " + session.device_name() + "\n\n";
   const auto row = [&](const std::string& stage, const PoseError* e, double cost, double ms) {
     out += format("%-18s", stage.c_str());

@@ -1,5 +1,6 @@
 #include "apps/run_options.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include <spdlog/spdlog.h>
@@ -21,11 +22,12 @@ void RunOptions::add_to(CLI::App& command) {
                      "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
   command
       .add_option("--model", model,
-                  "A learned model, file or name (`iclk model info`): its encoder and its weights; or classical: the grey "
-                  "pyramid and --robust. ICLK_MODEL changes the default")
+                  "A learned model, file or name (`iclk model info`): its encoder and its weights; classical: the grey "
+                  "pyramid and --robust; auto: classical, then sd6dof-small, then sd6dof, each for the pairs that did not "
+                  "converge before. ICLK_MODEL changes the default")
       ->capture_default_str()
       ->check(not_empty)
-      ->type_name("FILE|classical");
+      ->type_name("FILE|classical|auto");
   command.add_option(
       "--levels", levels,
       "Pyramid levels: each doubles the motion that can be found; default 4, or all that the model has (fewer: its "
@@ -54,10 +56,11 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_option("--lambda", lambda, "Damping, or its start value; default 1e-6, or the model's");
   command
       .add_option("--search", search,
-                  "Try many rotations about the first guess at the coarsest level and begin with the best; auto: where no "
+                  "How to begin. on: look for the features in the whole target, whatever the motion; where too few agree, try "
+                  "many rotations at the coarsest level; rotations: only these; off: at the first guess; auto: on where no "
                   "first guess is given")
       ->capture_default_str()
-      ->check(CLI::IsMember({"auto", "on", "off"}));
+      ->check(CLI::IsMember({"auto", "on", "off", "rotations"}));
   command.add_option("--search-grid", start_search.grid, "Pans and tilts to try, so many each; odd")->capture_default_str();
   command.add_option(
       "--search-rotation", search_rotation,
@@ -79,19 +82,30 @@ SessionOptions RunOptions::session(bool guessed) const {
   SessionOptions options;
   options.solver = parse_solver(solver);
   options.device = device;
-  if (model != "classical") options.model = std::make_shared<Model>(load_model(find_model(model)));
-  if (options.model) options.aligner = options.model->options();
-  options.aligner.levels = levels.value_or(options.aligner.levels);
-  options.aligner.iterations = iterations.value_or(options.aligner.iterations);
-  options.aligner.lambda = lambda.value_or(options.aligner.lambda);
-  options.aligner.carry = carry.value_or(options.aligner.carry);
-  if (robust) options.aligner.robust = parse_robust(*robust);
-  options.aligner.damping = parse_damping(damping);
-  options.aligner.precision = parse_precision(precision);
-  options.aligner.photometric = photometric.value_or(options.aligner.photometric);
-  options.aligner.search = start_search;
-  options.aligner.search.enabled = search == "on" || (search == "auto" && !guessed && !dense);
-  options.aligner.search.rotation = search_rotation * M_PI / 180;
+  const auto stage = [&](const std::string& name) {
+    ModelStage made;
+    if (name != "classical") made.model = std::make_shared<Model>(load_model(find_model(name)));
+    if (made.model) made.aligner = made.model->options();
+    const bool one_of_several = model == "auto" && made.model;  // options that it cannot take are the classical mode's
+    made.aligner.levels = levels.value_or(made.aligner.levels);
+    if (one_of_several) made.aligner.levels = std::min(made.aligner.levels, made.model->levels());
+    made.aligner.iterations = iterations.value_or(made.aligner.iterations);
+    made.aligner.lambda = lambda.value_or(made.aligner.lambda);
+    made.aligner.carry = carry.value_or(made.aligner.carry);
+    if (robust && !one_of_several) made.aligner.robust = parse_robust(*robust);
+    made.aligner.damping = parse_damping(damping);
+    made.aligner.precision = parse_precision(precision);
+    made.aligner.photometric = photometric.value_or(made.aligner.photometric);
+    made.aligner.search = start_search;
+    made.aligner.search.matching = search != "rotations";
+    made.aligner.search.enabled = search == "on" || search == "rotations" || (search == "auto" && !guessed && !dense);
+    made.aligner.search.rotation = search_rotation * M_PI / 180;
+    return made;
+  };
+  const ModelStage first = stage(model == "auto" ? "classical" : model);
+  options.aligner = first.aligner;
+  options.model = first.model;
+  if (model == "auto") options.then = {stage("sd6dof-small"), stage("sd6dof")};
   options.dense = dense;
   options.refine = !no_refine;
   options.refiner = refiner;

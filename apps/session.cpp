@@ -37,19 +37,6 @@ T parse_name(const std::string& name, const char* what, std::initializer_list<st
   throw Error(ErrorCode::invalid_argument, std::string(what) + " '" + printable(name) + "' is not known: one of " + all);
 }
 
-/// An alignment that nothing was done to.
-RefinedAlignment unrefined(const PairInput& pair, Alignment alignment, double ms) {
-  RefinedAlignment r;
-  r.T_10 = alignment.T_10;
-  r.covariance = alignment.covariance;
-  r.status = alignment.status;
-  r.reason = alignment.reason;
-  r.stages = {{"iclk", alignment.T_10, alignment.cost, ms}};
-  r.inverse_depth = pair.features.inverse_depth;
-  r.iclk = std::move(alignment);
-  return r;
-}
-
 cv::Mat inverse_depth_of(const PairInput& pair) {
   if (pair.depth_0.empty())
     throw Error(ErrorCode::invalid_argument, pair.name_0 + ": --dense needs a depth image (--depth), not only features");
@@ -79,8 +66,11 @@ Damping parse_damping(const std::string& name) {
   return parse_name<Damping>(name, "damping", {{"fixed", Damping::fixed}, {"adaptive", Damping::adaptive}});
 }
 
+std::string SessionOptions::model_name() const { return then.empty() ? iclk::model_name(model.get()) : "auto"; }
+
 Session::Session(const SessionOptions& options) : options_(options) {
   options_.aligner.check();
+  for (const ModelStage& stage : options_.then) stage.aligner.check();
   options_.refiner.check();
   if (options_.max_pairs < 1)
     throw Error(ErrorCode::invalid_argument, "batch size " + std::to_string(options_.max_pairs) + " must be positive");
@@ -104,7 +94,7 @@ void Session::make_aligner(const PairInput& pair, int features) {
   plan.max_references = plan.max_pairs = options_.max_pairs;
   plan.dense = options_.dense;
   plan.format = device_format(pair);
-  const bool fits = aligner_ && plan.width == plan_.width && plan.height == plan_.height && plan.format == plan_.format &&
+  const bool fits = cascade_ && plan.width == plan_.width && plan.height == plan_.height && plan.format == plan_.format &&
                     plan.max_features <= plan_.max_features;
   if (fits) return;
   try {
@@ -119,13 +109,26 @@ void Session::make_aligner(const PairInput& pair, int features) {
 }
 
 void Session::make_plan(const Plan& plan) {
-  refiner_.reset();
-  aligner_.reset();
-  device_aligner_ = nullptr;
-  aligner_ = make_any_aligner(options_.solver, context_, plan, options_.aligner, options_.model, options_.say);
-  device_aligner_ = dynamic_cast<DeviceAligner*>(aligner_.get());
-  if (device_aligner_ != nullptr) device_aligner_->enable_timing(options_.profile);
-  if (options_.refine) refiner_ = std::make_unique<Refiner>(*aligner_, options_.refiner);
+  cascade_.reset();
+  device_aligners_.clear();
+  std::vector<ModelStage> stages = {{options_.aligner, options_.model}};
+  stages.insert(stages.end(), options_.then.begin(), options_.then.end());
+  std::vector<Cascade::Step> steps;
+  for (const ModelStage& stage : stages) {
+    const std::string name = iclk::model_name(stage.model.get());
+    const auto make = [this, plan, stage, name] {
+      auto aligner = make_any_aligner(options_.solver, context_, plan, stage.aligner, stage.model, options_.say);
+      if (auto* on_device = dynamic_cast<DeviceAligner*>(aligner.get())) {
+        on_device->enable_timing(options_.profile);
+        device_aligners_.emplace_back(name, on_device);
+      }
+      return aligner;
+    };
+    RefinerOptions refiner = options_.refiner;
+    refiner.keep_unconfirmed = stage.model != nullptr;
+    steps.push_back({name, make, options_.refine ? std::optional(refiner) : std::nullopt});
+  }
+  cascade_ = std::make_unique<Cascade>(std::move(steps));
 }
 
 std::vector<RefinedAlignment> Session::run(std::span<const PairInput> pairs) {
@@ -136,33 +139,25 @@ std::vector<RefinedAlignment> Session::run(std::span<const PairInput> pairs) {
     const auto batch = pairs.subspan(first, count);
     first += count;
 
-    auto start = Clock::now();
+    const auto start = Clock::now();
     int features = 0;
     for (const PairInput& pair : batch) features = std::max(features, pair.features.size());
     make_aligner(batch.front(), features);
     times_.setup += ms_since(start);
 
-    start = Clock::now();
-    std::vector<Pair> work(count);
-    for (size_t i = 0; i < count; ++i) {
-      const PairInput& pair = batch[i];
-      const cv::Mat inverse = options_.dense ? inverse_depth_of(pair) : cv::Mat();
-      Reference reference{view(pair.image_0), pair.camera, pair.features, {}};
-      if (options_.dense) reference.inverse_depth = view(inverse);
-      aligner_->set_reference(static_cast<int>(i), reference);
-      work[i] = {static_cast<int>(i), view(pair.image_1), pair.T_10, {}};
+    const Cascade::Times before = cascade_->times();
+    std::vector<cv::Mat> inverse;
+    std::vector<CascadePair> work;
+    for (const PairInput& pair : batch) {
+      work.push_back({{view(pair.image_0), pair.camera, pair.features, {}}, view(pair.image_1), pair.T_10});
+      if (!options_.dense) continue;
+      inverse.push_back(inverse_depth_of(pair));
+      work.back().reference.inverse_depth = view(inverse.back());
     }
-    times_.prepare += ms_since(start);
-
-    start = Clock::now();
-    if (refiner_) {
-      for (RefinedAlignment& r : refiner_->align(work)) results.push_back(std::move(r));
-    } else {
-      std::vector<Alignment> alignments = aligner_->align(work);
-      const double ms = ms_since(start) / static_cast<double>(count);
-      for (size_t i = 0; i < count; ++i) results.push_back(unrefined(batch[i], std::move(alignments[i]), ms));
-    }
-    times_.align += ms_since(start);
+    for (RefinedAlignment& r : cascade_->align(work)) results.push_back(std::move(r));
+    times_.setup += cascade_->times().setup - before.setup;
+    times_.prepare += cascade_->times().prepare - before.prepare;
+    times_.align += cascade_->times().align - before.align;
   }
   return results;
 }
@@ -179,9 +174,10 @@ std::string Session::profile_text(const PairInput& pair) const {
   row("setup", times_.setup);
   row("prepare", times_.prepare);
   row("align", times_.align);
-  if (device_aligner_ != nullptr && !device_aligner_->times().empty()) {
-    out += "  on the device, all runs:\n";
-    for (const engine::StageTime& stage : device_aligner_->times()) row(("  " + stage.name).c_str(), stage.milliseconds);
+  for (const auto& [model, aligner] : device_aligners_) {
+    if (aligner->times().empty()) continue;
+    out += "  on the device, all runs" + (device_aligners_.size() > 1 ? ", " + model : "") + ":\n";
+    for (const engine::StageTime& stage : aligner->times()) row(("  " + stage.name).c_str(), stage.milliseconds);
   }
   return out;
 }

@@ -9,7 +9,7 @@
 #include <iclk/align/aligner.h>
 #include <iclk/align/model.h>
 #include <iclk/engine/context.h>
-#include <iclk/refine/refiner.h>
+#include <iclk/refine/cascade.h>
 
 #include "apps/pair_input.h"
 
@@ -17,17 +17,27 @@ namespace iclk {
 
 class DeviceAligner;
 
+/// A model, and how to align with it.
+struct ModelStage {
+  AlignerOptions aligner;
+  std::shared_ptr<const Model> model;  ///< null: the classical mode
+};
+
 struct SessionOptions {
   Solver solver = Solver::host;
   std::string device;  ///< index, part of a name, UUID; empty: ICLK_DEVICE, else the best
   AlignerOptions aligner;
   std::shared_ptr<const Model> model;  ///< null: the classical mode
+  std::vector<ModelStage> then;        ///< models that get the pairs which those before did not settle
   bool dense = false;                  ///< every pixel with depth instead of patches; needs a depth image
   bool refine = true;
-  RefinerOptions refiner;
+  RefinerOptions refiner;                       ///< keep_unconfirmed is each model's own: with a learned one
   int max_pairs = 1;                            ///< in one batch on the device
   bool profile = false;                         ///< let the device keep the time of its stages
   std::function<void(const std::string&)> say;  ///< lines for the user about work that takes seconds
+
+  /// As --model has it: "auto", "classical" or the model's own name.
+  std::string model_name() const;
 };
 
 /// Where a run spent its time, ms.
@@ -64,9 +74,8 @@ class Session {
   std::shared_ptr<engine::Context> context_;
   std::string device_name_;
   Plan plan_;
-  std::unique_ptr<Aligner> aligner_;
-  DeviceAligner* device_aligner_ = nullptr;  // aligner_, where it is one
-  std::unique_ptr<Refiner> refiner_;
+  std::unique_ptr<Cascade> cascade_;
+  std::vector<std::pair<std::string, const DeviceAligner*>> device_aligners_;  // the cascade's, by model
   SessionTimes times_;
 };
 

@@ -44,6 +44,13 @@ struct Stage {
   double ms = 0;     ///< sum over the rounds; a batch's stages are shared evenly by its pairs
 };
 
+/// What one model of a Cascade made of a pair.
+struct Attempt {
+  std::string model;
+  Status status = Status::diverged;
+  std::string reason;
+};
+
 /// From ICLK to the refined pose, with every step on the way.
 struct RefinedAlignment {
   Alignment iclk;
@@ -60,8 +67,10 @@ struct RefinedAlignment {
   std::vector<double> inverse_depth_sigma;  ///< one a feature if structure ran, else empty
   int rounds = 0;
   int visible = 0, aligned = 0,
-      inliers = 0;   ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
-  double sigma = 0;  ///< px: robust standard deviation of the reprojection residuals
+      inliers = 0;                ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
+  double sigma = 0;               ///< px: robust standard deviation of the reprojection residuals
+  std::string model;              ///< who answered, where a Cascade asked; else empty
+  std::vector<Attempt> attempts;  ///< of a Cascade: those that did not settle the pair, and last the one that answered
 
   bool converged() const { return status == Status::converged; }
 };

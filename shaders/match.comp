@@ -1,6 +1,6 @@
 #version 460
-// Every feature against every place of the target: the best place of each tile. An invocation is a feature, its descriptors stay
-// in registers, and all invocations read the same place at a time.
+// Every feature against every place of the target: the best place of each tile. An invocation is a feature, its descriptors
+// stay in registers, and all invocations read the same place at a time.
 // Groups: (ceil(features / local size), tiles, pairs).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

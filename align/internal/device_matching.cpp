@@ -66,12 +66,11 @@ void DeviceMatching::load(const std::shared_ptr<const engine::Context>& context)
                             {storage_read, storage_read, texel_read, texel_read, storage_write},
                             push,
                             {std::min(sizes_.iterate, 64u)}});
-  batch.add(correspond_,
-            {"correspond",
-             correspond_comp_spv,
-             {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, storage_write},
-             push,
-             {std::min(sizes_.iterate, 64u)}});
+  batch.add(correspond_, {"correspond",
+                          correspond_comp_spv,
+                          {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, storage_write},
+                          push,
+                          {std::min(sizes_.iterate, 64u)}});
   batch.add(hypothesise_, {"hypothesise",
                            hypothesise_comp_spv,
                            {storage_read, storage_read, texel_read, storage_write},
@@ -118,10 +117,9 @@ void DeviceMatching::find(engine::Recorder& recorder, const engine::Workspace& m
   recorder.dispatch(describe_target_, {&memory[grey1_], &memory[descriptors1_]}, push_,
                     {groups_for(static_cast<uint32_t>(match_.places()), sizes_.map), 1, count});
   recorder.stage("match");
-  recorder.dispatch(match_kernel_,
-                    {&pairs.references, &pairs.pairs, &memory[descriptors0_], &memory[descriptors1_], &memory[matches_]}, push_,
-                    {groups_for(std::min(pairs.most_features, push_.features), group), static_cast<uint32_t>(match_.tiles()),
-                     count});
+  recorder.dispatch(
+      match_kernel_, {&pairs.references, &pairs.pairs, &memory[descriptors0_], &memory[descriptors1_], &memory[matches_]},
+      push_, {groups_for(std::min(pairs.most_features, push_.features), group), static_cast<uint32_t>(match_.tiles()), count});
   recorder.dispatch(correspond_,
                     {&pairs.references, &pairs.pairs, &pairs.features, &memory[matches_], &memory[descriptors0_],
                      &memory[descriptors1_], &memory[correspondences_]},

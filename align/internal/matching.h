@@ -17,13 +17,13 @@ struct MatchLayout {
   MatchLayout() = default;
   MatchLayout(const Plan& plan, const AlignerOptions& options);
 
-  bool enabled = false;           ///< false too where the images are too small for it
-  int scale = 1;                  ///< image pixels a pixel of the grey map that is matched
-  int width = 0, height = 0;      ///< of that map
-  int places_x = 0, places_y = 0; ///< of a patch in it
-  int tiles_x = 0, tiles_y = 0;   ///< of places
-  int features = 0;               ///< of a reference that take part, at most
-  int first_level = 0;            ///< where a pair begins that was matched
+  bool enabled = false;            ///< false too where the images are too small for it
+  int scale = 1;                   ///< image pixels a pixel of the grey map that is matched
+  int width = 0, height = 0;       ///< of that map
+  int places_x = 0, places_y = 0;  ///< of a patch in it
+  int tiles_x = 0, tiles_y = 0;    ///< of places
+  int features = 0;                ///< of a reference that take part, at most
+  int first_level = 0;             ///< where a pair begins that was matched
 
   int places() const { return places_x * places_y; }
   int tiles() const { return tiles_x * tiles_y; }

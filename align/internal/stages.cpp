@@ -112,8 +112,7 @@ void Stages::maps(Recorder& recorder, std::span<const Run> references, uint32_t 
 
 void Stages::prepare(Recorder& recorder, const Run& references) const {
   const auto [first, count] = references;
-  if (matching)
-    matching.describe(recorder, memory, at(ids.pixels0), at(ids.references), at(ids.features), first, count);
+  if (matching) matching.describe(recorder, memory, at(ids.pixels0), at(ids.references), at(ids.features), first, count);
   recorder.stage("mask");
   const auto max_features = static_cast<uint32_t>(plan.max_features);
   const auto levels_n = static_cast<uint32_t>(layout.levels.size());

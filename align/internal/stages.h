@@ -60,8 +60,8 @@ struct Stages {
   void maps(engine::Recorder& recorder, std::span<const Run> references, uint32_t targets) const;
   /// Mask and Jacobian of references that have maps.
   void prepare(engine::Recorder& recorder, const Run& references) const;
-  /// Start search: the poses of the first `pairs` PairInfo are replaced by those that matching finds, or the best about them. The starts must have
-  /// been packed.
+  /// Start search: the poses of the first `pairs` PairInfo are replaced by those that matching finds, or the best about them.
+  /// The starts must have been packed.
   void search(engine::Recorder& recorder, uint32_t pairs) const;
   /// Residual and weights with which a level starts; nothing with unit weights.
   void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;

@@ -167,8 +167,8 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const internal::RunBuffers run_ids(layout, options, true, 1);
   const engine::Workspace run(context, run_ids.plan);
   engine::DescriptorArena arena(context, internal::Stages::arena_size(kernels, network, matching));
-  const internal::Stages stages{
-      layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, matching, static_cast<uint32_t>(features.size())};
+  const internal::Stages stages{layout, plan,    options, sizes,   kernels,  ids,
+                                memory, run_ids, run,     network, matching, static_cast<uint32_t>(features.size())};
 
   std::memcpy(memory[ids.levels].mapped, layout.levels.data(), layout.levels.size() * sizeof(shaders::LevelInfo));
   const auto checks = check_features(features, camera);

@@ -135,8 +135,8 @@ TEST(Matching, WhatAgreesOnNothingIsNotBelieved) {
   for (const int count : {0, 3, 4, 5, 12, 50, 200}) {
     std::vector<internal::Correspondence> all;
     for (int i = 0; i < count; ++i)
-      all.push_back({scene.camera.ray({160 * x(random), 120 * x(random)}) * (1 + x(random)),
-                     {160 * x(random), 120 * x(random)}, 0});
+      all.push_back(
+          {scene.camera.ray({160 * x(random), 120 * x(random)}) * (1 + x(random)), {160 * x(random), 120 * x(random)}, 0});
     EXPECT_FALSE(internal::pose_of(all, scene.camera, 1, layout)) << count;
   }
 }
@@ -227,8 +227,7 @@ TEST_P(Matched, UnrelatedImagesAreNotClaimed) {
   for (uint32_t seed = 1; seed <= 6; ++seed) {
     const Relief scene = parallax(seed);
     Relief other = parallax(seed + 20);
-    const Alignment a =
-        align_once(way(), scene, render(scene, 0), render(other, 1), random_features(scene, 120), matching());
+    const Alignment a = align_once(way(), scene, render(scene, 0), render(other, 1), random_features(scene, 120), matching());
     EXPECT_FALSE(a.converged()) << seed << ": " << a.reason;
   }
 }

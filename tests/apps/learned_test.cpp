@@ -95,24 +95,56 @@ TEST_F(Learned, WhatGreyValuesCannotConfirmStandsUnrefined) {
   EXPECT_FALSE(wrong["refined"]);
 }
 
-TEST_F(Learned, TheShippedModelIsTheDefault) {
-  const auto plain = [](const char* wish) {
-    return test::run(align({"--truth", truth_, "--json"}), [&] {
-      if (wish == nullptr)
-        unsetenv("ICLK_MODEL");
-      else
-        setenv("ICLK_MODEL", wish, 1);
-    });
+TEST_F(Learned, TheCheapestModelThatConvergesIsTheDefault) {
+  const auto plain = [](const char* wish, const std::string& target = "b.png") {
+    return test::run(
+        [&] {
+          auto arguments = align({"--truth", truth_, "--json"});
+          arguments[2] = file(target);
+          return arguments;
+        }(),
+        [&] {
+          if (wish == nullptr)
+            unsetenv("ICLK_MODEL");
+          else
+            setenv("ICLK_MODEL", wish, 1);
+        });
   };
   const Json found = json(plain(nullptr));
-  EXPECT_EQ(found["model"], "sd6dof");
+  EXPECT_EQ(found["model"], "classical") << "settles this";
+  EXPECT_EQ(found["attempts"].size(), 1u);
   EXPECT_EQ(found["status"], "converged");
-  EXPECT_LT(found["stages"][0]["e_pixel"], 1);
   EXPECT_LT(found["stages"].back()["e_pixel"], 0.1);
-  EXPECT_EQ(json(plain(""))["model"], "sd6dof") << "empty is not set";
-  EXPECT_EQ(json(plain("classical"))["model"], "classical");
+  for (const auto& [wish, model] : {std::pair{"", "classical"},
+                                    {"auto", "classical"},
+                                    {"classical", "classical"},
+                                    {"sd6dof-small", "sd6dof-small"},
+                                    {"sd6dof", "sd6dof"}})
+    EXPECT_EQ(json(plain(wish))["model"], model) << wish;
   EXPECT_EQ(json(plain(file("narrow.safetensors").c_str()))["model"], "narrow");
   EXPECT_EQ(plain("no_such_model").code, kIo);
+
+  // What grey values cannot settle goes on, and the answer says so.
+  cv::Mat dull = cv::imread(file("b.png")), noise(dull.size(), CV_16SC3);
+  cv::GaussianBlur(dull, dull, {}, 2.5);
+  dull.convertTo(dull, CV_16S, 0.25, 20);
+  cv::theRNG().state = 1;
+  cv::randn(noise, 0, 5);
+  cv::Mat(dull + noise).convertTo(dull, CV_8U);
+  cv::imwrite(file("duller.png"), dull);
+  const Json hard = Json::parse(plain(nullptr, "duller.png").out);
+  ASSERT_GE(hard["attempts"].size(), 2u);
+  EXPECT_EQ(hard["attempts"][0]["model"], "classical");
+  EXPECT_NE(hard["attempts"][0]["status"], "converged");
+  EXPECT_EQ(hard["attempts"].back()["model"], hard["model"]);
+  EXPECT_EQ(hard["status"], "converged") << hard["reason"];
+  EXPECT_LT(hard["stages"][0]["e_pixel"], 1.5);
+}
+
+TEST_F(Learned, SeveralModelsAreNotMeasuredAsOne) {
+  const Finished bench = run({"bench", "--model", "auto", "--pairs", "1"});
+  EXPECT_EQ(bench.code, kBadInput);
+  EXPECT_NE(bench.err.find("--model auto is several models"), std::string::npos) << bench.err;
 }
 
 TEST_F(Learned, OptionsGoBeforeTheModelsOwn) {

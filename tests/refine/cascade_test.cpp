@@ -1,0 +1,132 @@
+// A pair goes from one model to the next until one converges. CPU aligners stand for the models: the first without a search.
+#include <gtest/gtest.h>
+#include <iclk/align/cpu_aligner.h>
+#include <iclk/engine/error.h>
+#include <iclk/refine/cascade.h>
+
+#include "../support/relief.h"
+
+namespace iclk {
+namespace {
+
+using test::Frame;
+using test::Relief;
+
+struct Scene {
+  explicit Scene(double turn, uint32_t seed = 1) {
+    relief.camera = {130, 130, 79.5, 59.5, 160, 120};
+    relief.seed = seed;
+    Vector6d xi = Vector6d::Zero();
+    xi << 0.05, -0.03, 0.04, 0.01, turn, 0.02;
+    relief.T_10 = SE3::exp(xi);
+    image0 = test::render(relief, 0);
+    image1 = test::render(relief, 1);
+    features = test::random_features(relief, 60);
+  }
+  CascadePair pair() const { return {{image0.view(), relief.camera, features, {}}, image1.view(), {}}; }
+
+  Relief relief;
+  Frame image0, image1;
+  Features features;
+};
+
+AlignerOptions options_of(bool search) {
+  AlignerOptions options;
+  options.levels = 3;
+  options.search.enabled = search;
+  return options;
+}
+
+class Cascaded : public testing::Test {
+ protected:
+  Cascade::Step step(const std::string& model, bool search, bool refine = true) {
+    Plan plan{160, 120};
+    plan.max_features = 60;
+    plan.max_references = plan.max_pairs = 3;
+    plan.format = PixelFormat::r32f;
+    const auto make = [this, plan, search] {
+      ++made_;
+      return make_cpu_aligner(plan, options_of(search));
+    };
+    return {model, make, refine ? std::optional(RefinerOptions()) : std::nullopt};
+  }
+  int made_ = 0;
+  Scene near_{0.01}, far_{0.3}, other_{0.01, 9};
+};
+
+TEST_F(Cascaded, EachPairIsAnsweredByTheFirstThatConverges) {
+  Cascade cascade({step("plain", false), step("searching", true)});
+  CascadePair unrelated = near_.pair();
+  unrelated.target = other_.image1.view();
+  const CascadePair pairs[] = {near_.pair(), far_.pair(), unrelated};
+  const auto results = cascade.align(pairs);
+  ASSERT_EQ(results.size(), 3u);
+  EXPECT_EQ(results[0].model, "plain");
+  EXPECT_EQ(results[0].attempts.size(), 1u);
+  EXPECT_TRUE(results[0].converged()) << results[0].reason;
+  EXPECT_LT(test::pixel_error(near_.relief, near_.features, results[0].T_10), 0.1);
+
+  EXPECT_EQ(results[1].model, "searching");
+  ASSERT_EQ(results[1].attempts.size(), 2u);
+  EXPECT_EQ(results[1].attempts[0].model, "plain");
+  EXPECT_NE(results[1].attempts[0].status, Status::converged);
+  EXPECT_EQ(results[1].attempts[1].status, Status::converged);
+  EXPECT_TRUE(results[1].converged()) << results[1].reason;
+  EXPECT_LT(test::pixel_error(far_.relief, far_.features, results[1].T_10), 0.1);
+
+  EXPECT_EQ(results[2].model, "searching") << "the last one's word";
+  EXPECT_FALSE(results[2].converged()) << results[2].reason;
+  EXPECT_EQ(results[2].reason, results[2].attempts.back().reason);
+}
+
+TEST_F(Cascaded, AnAnswerIsThatOfItsModelAloneToTheLastBit) {
+  Cascade cascade({step("plain", false), step("searching", true)});
+  Cascade alone({step("searching", true)});
+  const CascadePair pairs[] = {near_.pair(), far_.pair()}, one[] = {far_.pair()};
+  const auto together = cascade.align(pairs), single = alone.align(one);
+  EXPECT_EQ(together[1].T_10.t, single[0].T_10.t);
+  EXPECT_EQ(together[1].T_10.R, single[0].T_10.R);
+  EXPECT_EQ(together[1].covariance, single[0].covariance);
+}
+
+TEST_F(Cascaded, AModelThatNobodyNeedsIsNotMade) {
+  Cascade cascade({step("plain", false), step("searching", true)});
+  EXPECT_EQ(made_, 1);
+  const CascadePair near[] = {near_.pair(), near_.pair()}, far[] = {far_.pair()};
+  cascade.align(near);
+  EXPECT_EQ(made_, 1);
+  cascade.align(far);
+  cascade.align(far);
+  EXPECT_EQ(made_, 2);
+  EXPECT_TRUE(cascade.align({}).empty());
+  EXPECT_GT(cascade.times().setup, 0);
+  EXPECT_GT(cascade.times().align, 0);
+}
+
+TEST_F(Cascaded, WithoutRefinementTheAlignmentsOwnWordCounts) {
+  Cascade cascade({step("plain", false, false), step("searching", true, false)});
+  const CascadePair pairs[] = {near_.pair(), far_.pair()};
+  const auto results = cascade.align(pairs);
+  EXPECT_EQ(results[0].model, "plain");
+  EXPECT_EQ(results[1].model, "searching");
+  for (const auto& r : results) {
+    EXPECT_TRUE(r.converged()) << r.reason;
+    EXPECT_FALSE(r.refined);
+    EXPECT_EQ(r.stages.size(), 1u);
+  }
+}
+
+TEST_F(Cascaded, WhatCannotBeMadeIsAnError) {
+  EXPECT_THROW(Cascade({}), Error);
+  Cascade::Step broken = step("broken", false);
+  broken.make = []() -> std::unique_ptr<Aligner> { throw Error(ErrorCode::unsupported, "too large"); };
+  EXPECT_THROW(Cascade({broken}), Error);
+  Cascade later({step("plain", false), broken});
+  const CascadePair near[] = {near_.pair()}, far[] = {far_.pair()};
+  EXPECT_TRUE(later.align(near)[0].converged());
+  EXPECT_THROW(later.align(far), Error);
+  EXPECT_TRUE(later.align(near)[0].converged()) << "and nothing is broken by it";
+}
+
+}  // namespace
+}  // namespace iclk
