@@ -33,7 +33,7 @@ const char* const kFooter =
     "there; with search and refinement), and the time by stage.\n"
     "With --peers: how right and how fast iclk and its competitors are on real sequences. Here the settings of `iclk align` "
     "hold,\n"
-    "its default model among them.\n"
+    "with sd6dof, its last word, unless --model or ICLK_MODEL names another.\n"
     "cpu time is that of all threads of this process, which other work on the machine hardly disturbs.\n"
     "\n"
     "Examples:\n"
@@ -52,8 +52,6 @@ std::shared_ptr<engine::Context> open_device(std::string device) {
   return engine::create_context(options);
 }
 
-constexpr const char* kPeersModel = "sd6dof";
-
 void need_one_model(const SessionOptions& session) {
   if (!session.then.empty())
     throw Error(ErrorCode::invalid_argument,
@@ -61,7 +59,10 @@ void need_one_model(const SessionOptions& session) {
 }
 
 void run(BenchCommand& command, int& exit) {
-  if (command.run.model.empty()) command.run.model = command.with_peers ? kPeersModel : "classical";
+  if (command.run.model.empty()) {
+    const std::string usual = default_model() == "auto" ? "sd6dof" : default_model();  // one model is measured
+    command.run.model = command.with_peers ? usual : "classical";
+  }
   if (command.with_peers) {
     const SessionOptions session = command.run.session();
     need_one_model(session);
