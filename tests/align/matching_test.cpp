@@ -260,6 +260,8 @@ TEST(MatchedRecording, ExecutedAgainBeginsAnew) {
   EXPECT_TRUE(results[0].converged()) << results[0].reason;
   EXPECT_FALSE(results[1].converged());
   EXPECT_LT(results[1].T_10.log().norm(), 0.5) << "the guess, not what was found before";
+  EXPECT_TRUE(results[0].levels.at(0).iterations.empty()) << "matched: it begins at a finer level";
+  EXPECT_FALSE(results[1].levels.at(0).iterations.empty()) << "not matched: it begins at the coarsest";
   EXPECT_TRUE(results[2].converged()) << results[2].reason;
   EXPECT_LT(results[2].T_10.log().norm(), 1e-4);
   EXPECT_TRUE(same_bits(results[0], results[3]));
