@@ -147,7 +147,7 @@ std::string hint(Status status, bool feature_file) {
       return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 400 or "
              "--detector grid";
     case Status::diverged:
-      return "the images do not agree: do they show the same place, not rolled by more than 35 degrees (else give "
+      return "the images do not agree: do they show the same place, not rolled by more than 30 degrees (else give "
              "--initial-pose or a nearer frame)? are --camera and --depth-scale right?";
   }
   return "";
