@@ -69,7 +69,7 @@ using uint = uint32_t;
 #define ICLK_MATCH_GROUP 8          // invocations that refine the best hypotheses, one each
 #define ICLK_MATCH_STEPS 8          // of that refinement
 #define ICLK_MATCH_TOLERANCE 1.5    // pixels of the map: a correspondence that is as near agrees with a pose
-// A start is believed if so many correspondences agree with it, and a share of all. Poses that are wrong have up to 13 of 200.
+// A start is tried if so many correspondences agree with it, and a share of all; the verdict has the last word on its pose.
 #define ICLK_MATCH_INLIERS 7
 #define ICLK_MATCH_SHARE 0.05
 
