@@ -3,6 +3,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <future>
+#include <optional>
 
 #include <spdlog/spdlog.h>
 #include <opencv2/imgproc.hpp>
@@ -27,9 +28,11 @@ using Clock = std::chrono::steady_clock;
 struct RenderCommand {
   std::string terrain, ortho, elevation, out, device;
   std::string pose, camera, size = "752x480", altitude = "100,180", region = "0,0,1,1", detector = "random";
+  std::string orbit, start;
   int pairs = 0;
   bool target_depth = false;
-  double tilt = 15, translation = 5.1, rotation = 4.47;
+  double translation = 5.1, rotation = 4.47;
+  std::optional<double> tilt;
   RenderOptions render;
   PairOptions pair;
   DetectorOptions features{.count = 50};  // the paper's
@@ -45,14 +48,17 @@ const char* const kFooter =
     "--pose writes view.png, depth.tiff (32-bit float metres along the optical axis, 0 = none) and view.json.\n"
     "--pairs writes a set: images/, depth/, features/, set.json and pairs.jsonl, which `iclk batch` takes as it is. Position,\n"
     "altitude, heading, tilt and roll of camera 0 are uniform; camera 1 is camera 0 after a motion of uniform components; a\n"
-    "pair of which a view leaves the region or meets missing data is drawn again. The same seed gives the same set, bit for\n"
-    "bit, on the same device. Run the same command again to continue after a kill; a larger --pairs makes the set longer;\n"
-    "other options are refused.\n"
+    "pair of which a view leaves the region or meets missing data is drawn again. With --orbit both cameras are level, "
+    "equally\n"
+    "far from a point on the ground and look at it, camera 1 from another azimuth, from up to a quarter higher or lower, and\n"
+    "turned by --rotation; --altitude is above that point. The same seed gives the same set, bit for bit, on the same device.\n"
+    "Run the same command again to continue after a kill; a larger --pairs makes the set longer; other options are refused.\n"
     "\n"
     "Examples:\n"
     "  iclk render --terrain procedural:7 --pairs 2 --out set\n"
     "  iclk batch set/pairs.jsonl --solver device --out set/results.jsonl\n"
     "  iclk render --terrain procedural:7 --pose '512 512 400 1 0 0 0' --out view\n"
+    "  iclk render --terrain procedural:7 --pairs 2 --orbit 8,30 --start 50,200 --altitude 60,90 --out orbit\n"
     "  iclk render --ortho rgb.tif --elevation dem.tif --pairs 2 --region 0,0,0.7,1 --out train --size 188x120\n"
     "  iclk render --ortho rgb.tif --elevation dem.tif --pairs 2 --region 0.7,0,1,1 --out test --size 188x120 --seed 1\n"
     "\n";
@@ -138,14 +144,26 @@ void render_view(const RenderCommand& command, TerrainRenderer& renderer, const 
     spdlog::warn("nothing is seen: the map is {}, the camera at {}", renderer.terrain().extent().text(), tum_line(T_WC));
 }
 
+double tilt_degrees(const RenderCommand& command) { return command.tilt.value_or(command.orbit.empty() ? 15 : 50); }
+
 PairOptions pair_options(const RenderCommand& command, const Camera& camera) {
   PairOptions options = command.pair;
   options.camera = camera;
   const std::vector<double> altitude = numbers(command.altitude, 2, "--altitude"), r = numbers(command.region, 4, "--region");
   options.altitude_min = altitude[0], options.altitude_max = altitude[1];
-  options.tilt = command.tilt * kDegree;
+  options.tilt = tilt_degrees(command) * kDegree;
   options.translation = command.translation;
   options.rotation = command.rotation * kDegree;
+  if (!command.orbit.empty()) {
+    const std::vector<double> orbit = numbers(command.orbit, 2, "--orbit");
+    options.orbit_min = orbit[0] * kDegree, options.orbit_max = orbit[1] * kDegree;
+    if (!(options.orbit_max > 0))
+      throw Error(ErrorCode::invalid_argument, "--orbit " + command.orbit + ": MAX must be above 0");
+  }
+  if (!command.start.empty()) {
+    const std::vector<double> start = numbers(command.start, 2, "--start");
+    options.start_min = start[0], options.start_max = start[1];
+  }
   options.region = {r[0], r[1], r[2], r[3]};
   options.check();
   return options;
@@ -159,7 +177,7 @@ Json set_options(const RenderCommand& command, const PairOptions& p, const Terra
   Json options = {{"terrain", hash},
                   {"camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
                   {"altitude", {p.altitude_min, p.altitude_max}},
-                  {"tilt", command.tilt},
+                  {"tilt", tilt_degrees(command)},
                   {"translation", command.translation},
                   {"rotation", command.rotation},
                   {"nearest", p.nearest},
@@ -170,7 +188,10 @@ Json set_options(const RenderCommand& command, const PairOptions& p, const Terra
                   {"border", command.features.border},
                   {"samples", command.render.samples},
                   {"anisotropy", command.render.max_anisotropy}};
-  if (command.target_depth) options["target_depth"] = true;  // sets from before this option go on
+  // Sets from before these options go on.
+  if (command.target_depth) options["target_depth"] = true;
+  if (!command.orbit.empty()) options["orbit"] = command.orbit;
+  if (!command.start.empty()) options["start"] = command.start;
   return options;
 }
 
@@ -296,11 +317,17 @@ void add_render(CLI::App& app, int& exit) {
   sub->add_option("--altitude", o->altitude, "MIN,MAX m above the ground below camera 0")
       ->capture_default_str()
       ->check(not_empty);
-  sub->add_option("--tilt", o->tilt, "Degrees from straight down, at most")->capture_default_str();
-  sub->add_option("--translation", o->translation, "m; each component of camera 1's motion is at most this")
-      ->capture_default_str();
+  sub->add_option("--tilt", o->tilt, "Degrees from straight down, at most; default 15, on an orbit 50");
+  auto* translation = sub->add_option("--translation", o->translation, "m; each component of camera 1's motion is at most this")
+                          ->capture_default_str();
   sub->add_option("--rotation", o->rotation, "Degrees; each component of its rotation vector is at most this")
       ->capture_default_str();
+  sub->add_option("--orbit", o->orbit,
+                  "MIN,MAX degrees between the azimuths from which both cameras look at one point on the ground")
+      ->excludes(translation)
+      ->check(not_empty);
+  sub->add_option("--start", o->start, "MIN,MAX px; pairs whose views differ by less or more, in the mean, are drawn again")
+      ->check(not_empty);
   sub->add_option("--region", o->region,
                   "x0,y0,x1,y1: part of the map that views may see, fractions from the south-west corner")
       ->capture_default_str()

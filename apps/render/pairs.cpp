@@ -27,8 +27,10 @@ std::string number(double value) {
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
+}  // namespace
+
 /// The standard distributions differ between libraries; this does not.
-class Random {
+class PairSource::Random {
  public:
   Random(uint64_t seed, uint64_t index) {
     std::seed_seq mix{static_cast<uint32_t>(seed), static_cast<uint32_t>(seed >> 32), static_cast<uint32_t>(index),
@@ -41,10 +43,36 @@ class Random {
   std::mt19937_64 engine_;
 };
 
+namespace {
+
 /// The camera whose pixel centres are kQuick x kQuick of the other's, the outermost among them.
 Camera quick_camera(const Camera& camera) {
   const double x = (kQuick - 1.0) / (camera.width - 1), y = (kQuick - 1.0) / (camera.height - 1);
   return {camera.fx * x, camera.fy * y, camera.cx * x, camera.cy * y, kQuick, kQuick};
+}
+
+/// A level camera at C that looks at a point `ahead` m away in the direction of `azimuth` and `below` m below.
+SE3 level_camera(const Vector3d& C, double azimuth, double ahead, double below) {
+  SE3 T_WC;
+  const Vector3d forward(std::sin(azimuth), std::cos(azimuth), 0);
+  T_WC.R.col(0) = Vector3d(forward.y(), -forward.x(), 0);
+  T_WC.R.col(2) = (ahead * forward - below * Vector3d::UnitZ()).normalized();
+  T_WC.R.col(1) = T_WC.R.col(2).cross(T_WC.R.col(0));
+  T_WC.t = C;
+  return T_WC;
+}
+
+/// Of the ground that camera 0 sees: how far apart the views show it, px in the mean.
+double mean_motion(const View& view, const Camera& camera, const Camera& full, const SE3& T_10) {
+  double sum = 0;
+  for (int v = 0; v < view.height; ++v)
+    for (int u = 0; u < view.width; ++u) {
+      const double z = view.depth[static_cast<size_t>(v) * static_cast<size_t>(view.width) + static_cast<size_t>(u)];
+      const Vector3d X0 = z * camera.ray({u, v}), X1 = T_10 * X0;
+      if (!(X1.z() > 0)) return INFINITY;
+      sum += (full.project(X1) - full.project(X0)).norm();
+    }
+  return sum / (view.width * view.height);
 }
 
 }  // namespace
@@ -59,6 +87,11 @@ void PairOptions::check() const {
   if (!(translation >= 0) || !std::isfinite(translation))
     fail("a perturbation of " + number(translation) + " m must not be negative");
   if (!(rotation >= 0) || !(rotation <= 1.5)) fail("a perturbation of " + number(rotation) + " rad must be 0 to 1.5");
+  if (!(orbit_min >= 0) || !(orbit_max >= orbit_min) || !(orbit_max <= M_PI))
+    fail("an orbit of " + number(orbit_min * 180 / M_PI) + " to " + number(orbit_max * 180 / M_PI) +
+         " degrees must be 0 to 180, in ascending order");
+  if (!(start_min >= 0) || !(start_max > start_min))
+    fail("starts of " + number(start_min) + " to " + number(start_max) + " px must not be negative and in ascending order");
   if (!(nearest >= 0) || !(nearest < 1)) fail("a nearest ground of " + number(nearest) + " of the altitude must be 0 to 1");
   if (region.empty() || !(region.left >= 0 && region.bottom >= 0 && region.right <= 1 && region.top <= 1))
     fail("region " + number(region.left) + "," + number(region.bottom) + "," + number(region.right) + "," + number(region.top) +
@@ -68,7 +101,7 @@ void PairOptions::check() const {
 std::string PairSource::Rejected::text() const {
   return std::to_string(draws) + " poses drawn, " + std::to_string(outside) +
          " again because a view left the region or met missing data, " + std::to_string(too_near) +
-         " because the ground was too near";
+         " because the ground was too near" + (start > 0 ? ", " + std::to_string(start) + " because of where they start" : "");
 }
 
 PairSource::PairSource(TerrainRenderer& renderer, const PairOptions& options) : renderer_(renderer), options_(options) {
@@ -90,41 +123,67 @@ bool PairSource::acceptable(const View& view, const Camera& camera, const SE3& T
   return true;
 }
 
-RenderedPair PairSource::draw(uint64_t index) {
-  const Terrain& terrain = renderer_.terrain();
-  Random random(options_.seed, index);
-  const Rejected before = rejected_;
+bool PairSource::draw_perturbed(Random& random, RenderedPair& pair) const {
+  const double x = random.between(region_.left, region_.right), y = random.between(region_.bottom, region_.top);
+  pair.altitude = random.between(options_.altitude_min, options_.altitude_max);
+  const double heading = random.between(0, 2 * M_PI), tilt = random.between(0, options_.tilt),
+               roll = random.between(0, 2 * M_PI);
+  SE3 T_01;
+  Vector6d turn = Vector6d::Zero();
+  for (double& r : T_01.t) r = random.between(-options_.translation, options_.translation);
+  for (double& r : turn.tail<3>()) r = random.between(-options_.rotation, options_.rotation);
+  T_01.R = SE3::exp(turn).R;
+
+  const auto ground = renderer_.terrain().height_at(x, y);
+  if (!ground) return false;
   Eigen::Matrix3d down;
   down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  pair.T_W0.t = {x, y, *ground + pair.altitude};
+  pair.T_W0.R = AngleAxisd(heading, Vector3d::UnitZ()).toRotationMatrix() * down *
+                AngleAxisd(tilt, Vector3d::UnitX()).toRotationMatrix() * AngleAxisd(roll, Vector3d::UnitZ()).toRotationMatrix();
+  pair.T_W1 = pair.T_W0 * T_01;
+  pair.T_10 = T_01.inverse();
+  return true;
+}
+
+bool PairSource::draw_orbit(Random& random, RenderedPair& pair) const {
+  const double x = random.between(region_.left, region_.right), y = random.between(region_.bottom, region_.top);
+  pair.altitude = random.between(options_.altitude_min, options_.altitude_max);
+  const double azimuth = random.between(0, 2 * M_PI), radius = pair.altitude * std::tan(random.between(0, options_.tilt));
+  const double side = random.between(-1, 1) < 0 ? -1 : 1,
+               azimuth1 = azimuth + side * random.between(options_.orbit_min, options_.orbit_max);
+  const double altitude1 = pair.altitude * std::exp(random.between(-std::log(1.25), std::log(1.25)));
+  Vector6d turn = Vector6d::Zero();
+  for (double& r : turn.tail<3>()) r = random.between(-options_.rotation, options_.rotation);
+
+  const auto ground = renderer_.terrain().height_at(x, y);
+  if (!ground) return false;
+  const auto camera = [&](double towards, double altitude) {
+    const Vector3d C(x - radius * std::sin(towards), y - radius * std::cos(towards), *ground + altitude);
+    return level_camera(C, towards, radius, altitude);
+  };
+  pair.T_W0 = camera(azimuth, pair.altitude);
+  pair.T_W1 = camera(azimuth1, altitude1) * SE3::exp(turn);
+  pair.T_10 = pair.T_W1.inverse() * pair.T_W0;
+  return true;
+}
+
+RenderedPair PairSource::draw(uint64_t index) {
+  Random random(options_.seed, index);
+  const Rejected before = rejected_;
   for (int draw = 0; draw < kDraws; ++draw) {
     ++rejected_.draws;
     RenderedPair pair;
-    const double x = random.between(region_.left, region_.right), y = random.between(region_.bottom, region_.top);
-    pair.altitude = random.between(options_.altitude_min, options_.altitude_max);
-    const double heading = random.between(0, 2 * M_PI), tilt = random.between(0, options_.tilt),
-                 roll = random.between(0, 2 * M_PI);
-    Vector3d rho, phi;
-    for (double& r : rho) r = random.between(-options_.translation, options_.translation);
-    for (double& r : phi) r = random.between(-options_.rotation, options_.rotation);
-
-    const auto ground = terrain.height_at(x, y);
-    if (!ground) {
+    if (!(options_.orbit_max > 0 ? draw_orbit(random, pair) : draw_perturbed(random, pair))) {
       ++rejected_.outside;
       continue;
     }
-    pair.T_W0.t = {x, y, *ground + pair.altitude};
-    pair.T_W0.R = AngleAxisd(heading, Vector3d::UnitZ()).toRotationMatrix() * down *
-                  AngleAxisd(tilt, Vector3d::UnitX()).toRotationMatrix() *
-                  AngleAxisd(roll, Vector3d::UnitZ()).toRotationMatrix();
-    Vector6d turn = Vector6d::Zero();
-    turn.tail<3>() = phi;
-    const SE3 T_01{SE3::exp(turn).R, rho};
-    pair.T_W1 = pair.T_W0 * T_01;
-    pair.T_10 = T_01.inverse();
-
     const double nearest = options_.nearest * pair.altitude;
-    const auto ground1 = terrain.height_at(pair.T_W1.t.x(), pair.T_W1.t.y());
-    if (ground1 && pair.T_W1.t.z() - *ground1 < nearest) {
+    const auto hits_ground = [&](const SE3& T_WC) {
+      const auto ground = renderer_.terrain().height_at(T_WC.t.x(), T_WC.t.y());
+      return ground && T_WC.t.z() - *ground < nearest;
+    };
+    if (hits_ground(pair.T_W0) || hits_ground(pair.T_W1)) {
       ++rejected_.too_near;
       continue;
     }
@@ -133,7 +192,13 @@ RenderedPair PairSource::draw(uint64_t index) {
       return acceptable(view, camera, T_WC, nearest);
     };
     View quick;
-    if (!sees(quick_, pair.T_W0, quick) || !sees(quick_, pair.T_W1, quick)) continue;
+    if (!sees(quick_, pair.T_W0, quick)) continue;
+    const double start = mean_motion(quick, quick_, options_.camera, pair.T_10);
+    if (start < options_.start_min || start > options_.start_max) {
+      ++rejected_.start;
+      continue;
+    }
+    if (!sees(quick_, pair.T_W1, quick)) continue;
     if (!sees(options_.camera, pair.T_W0, pair.view0) || !sees(options_.camera, pair.T_W1, pair.view1)) continue;
     return pair;
   }
@@ -141,11 +206,12 @@ RenderedPair PairSource::draw(uint64_t index) {
   const double wide = options_.altitude_min * c.width / std::abs(c.fx),
                high = options_.altitude_min * c.height / std::abs(c.fy);
   Rejected now = rejected_;
-  now.draws -= before.draws, now.outside -= before.outside, now.too_near -= before.too_near;
+  now.draws -= before.draws, now.outside -= before.outside, now.too_near -= before.too_near, now.start -= before.start;
   fail("no room for a pair: from " + number(options_.altitude_min) + " m a view covers " + number(std::round(wide)) + " x " +
        number(std::round(high)) + " m of level ground, the region is " + number(std::round(region_.width())) + " x " +
        number(std::round(region_.height())) + " m (" + now.text() +
-       "); take lower altitudes, less tilt, a longer focal length or a larger region");
+       "); take lower altitudes, less tilt, a longer focal length, a larger region" +
+       (now.start > 0 ? " or other starts" : ""));
 }
 
 }  // namespace iclk

@@ -1,4 +1,5 @@
 #pragma once
+#include <cmath>
 #include <cstdint>
 #include <string>
 
@@ -14,8 +15,13 @@ struct PairOptions {
   double tilt = 15 * 0.017453292519943295;        ///< rad from straight down, at most
   double translation = 5.1;                       ///< m; each component of the perturbation lies in -this .. this
   double rotation = 0.078;                        ///< rad; the same of the rotation vector
-  double nearest = 0.3;                           ///< no ground nearer than this share of the altitude
-  MapBox region{0, 0, 1, 1};                      ///< of the terrain's extent, in fractions from its south-west corner
+  /// rad. Where the maximum is not 0, pairs lie on an orbit: both cameras stand level, equally far from a point on the ground
+  /// and up to `tilt` from straight above it, and look at it from azimuths that differ by so much, to either side. The second
+  /// one's height differs by up to a quarter and it is turned by the perturbation's rotation; `translation` is not used.
+  double orbit_min = 0, orbit_max = 0;
+  double start_min = 0, start_max = INFINITY;  ///< px between where the views show the same ground, in the mean over camera 0
+  double nearest = 0.3;                        ///< no ground nearer than this share of the altitude
+  MapBox region{0, 0, 1, 1};                   ///< of the terrain's extent, in fractions from its south-west corner
   uint64_t seed = 0;
 
   /// Throws Error(invalid_argument) that names the value and its range.
@@ -27,12 +33,13 @@ struct RenderedPair {
   SE3 T_W0, T_W1;  ///< camera to map
   SE3 T_10;        ///< camera 0 to camera 1, the truth
   View view0, view1;
-  double altitude = 0;  ///< m above ground, of camera 0
+  double altitude = 0;  ///< m above ground, of camera 0; on an orbit above the point that it looks at
 };
 
 /// Draws pairs: position, altitude, heading, tilt and roll of the first camera are uniform, the second camera is the first one
-/// perturbed in its own frame by a translation and a rotation vector of uniform components; pairs of which a view leaves the
-/// region, meets missing data or comes too near to the ground are drawn again.
+/// perturbed in its own frame by a translation and a rotation vector of uniform components, or both lie on an orbit
+/// (PairOptions::orbit_max). Pairs of which a view leaves the region, meets missing data or comes too near to the ground, and
+/// those that start elsewhere than PairOptions wants, are drawn again.
 class PairSource {
  public:
   /// Why poses were drawn again.
@@ -40,6 +47,7 @@ class PairSource {
     int64_t draws = 0;
     int64_t outside = 0;   ///< a view left the region or met missing data
     int64_t too_near = 0;  ///< ground nearer than PairOptions::nearest
+    int64_t start = 0;     ///< a start outside PairOptions::start_min .. start_max
     std::string text() const;
   };
 
@@ -54,7 +62,11 @@ class PairSource {
   const MapBox& region() const { return region_; }
 
  private:
+  class Random;
   bool acceptable(const View& view, const Camera& camera, const SE3& T_WC, double nearest);
+  /// Poses and altitude, without views; false where the map has no ground.
+  bool draw_perturbed(Random& random, RenderedPair& pair) const;
+  bool draw_orbit(Random& random, RenderedPair& pair) const;
 
   TerrainRenderer& renderer_;
   PairOptions options_;

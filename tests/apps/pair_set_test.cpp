@@ -132,6 +132,24 @@ TEST(PairSets, GoOnAfterAKillAsIfNothingHadHappened) {
   EXPECT_EQ(count_lines(killed + "/pairs.jsonl"), 15);
 }
 
+TEST(PairSets, OrbitsGoOnAsTheyBegan) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  const std::vector<std::string> orbit = {"--orbit", "5,20", "--start", "8,60", "--altitude", "30,40"};
+  const auto orbits = [&](const char* name, int count, std::vector<std::string> more) {
+    more.insert(more.begin(), {"render", "--terrain", "procedural:3:300", "--size", "188x120", "--out", folder.path(name)});
+    more.insert(more.end(), {"--pairs", std::to_string(count)});
+    return more;
+  };
+  run(orbits("at once", 3, orbit));
+  run(orbits("longer", 1, orbit)), run(orbits("longer", 3, orbit));
+  EXPECT_EQ(files_of(folder.path("at once")), files_of(folder.path("longer")));
+  EXPECT_NE(bytes_of(folder.path("longer") + "/set.json").find("\"orbit\": \"5,20\""), std::string::npos);
+  std::vector<std::string> other = orbit;
+  other[1] = "5,30";
+  EXPECT_NE(run(orbits("longer", 4, other), kBadInput).find("orbit"), std::string::npos);
+}
+
 TEST(PairSets, OtherOptionsAndOtherFoldersAreRefused) {
   ICLK_NEED_DEVICE();
   const Folder folder;
@@ -223,6 +241,11 @@ TEST(RenderedViews, BadInputHasItsCodeAndNamesTheValue) {
   expect({"--pairs", "1", "--terrain", "procedural:1", "--region", "0,0,1"}, kBadInput, {"--region", "4 numbers"});
   expect({"--pairs", "1", "--terrain", "procedural:1", "--region", "0.5,0,0.4,1"}, kBadInput, {"0.5,0,0.4,1"});
   expect({"--pairs", "1", "--terrain", "procedural:1", "--altitude", "9,x"}, kBadInput, {"--altitude", "'x'"});
+  expect({"--pairs", "1", "--terrain", "procedural:1", "--orbit", "10"}, kBadInput, {"--orbit", "2 numbers"});
+  expect({"--pairs", "1", "--terrain", "procedural:1", "--orbit", "0,0"}, kBadInput, {"--orbit 0,0", "above 0"});
+  expect({"--pairs", "1", "--terrain", "procedural:1", "--orbit", "30,10"}, kBadInput, {"30 to 10 degrees"});
+  expect({"--pairs", "1", "--terrain", "procedural:1", "--start", "9,9"}, kBadInput, {"9 to 9 px"});
+  expect({"--pairs", "1", "--terrain", "procedural:1", "--orbit", "9,9", "--translation", "2"}, kUsage, {"--translation"});
   expect({"--pairs", "1", "--terrain", "procedural:1", "--samples", "0"}, kBadInput, {"samples 0"});
   expect({"--terrain", "procedural:1"}, kUsage, {});
   expect({"--pairs", "1", "--pose", down, "--terrain", "procedural:1"}, kUsage, {});

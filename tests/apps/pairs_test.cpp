@@ -94,6 +94,63 @@ TEST(Pairs, KeepToTheirBounds) {
   EXPECT_GT(source.rejected().outside, 0);
 }
 
+TEST(Pairs, OrbitsLookAtOnePointOfTheGround) {
+  ICLK_NEED_DEVICE();
+  TerrainRenderer renderer = make_renderer(landscape());
+  PairOptions options = small_options();
+  options.altitude_min = 50, options.altitude_max = 70;
+  options.tilt = 0.8, options.rotation = 0;
+  options.orbit_min = 0.2, options.orbit_max = 0.5;
+  options.start_min = 8, options.start_max = 16;
+  PairSource source(renderer, options);
+  int left = 0, higher = 0;
+  double steepest = 0;
+  constexpr int kPairs = 25;
+  for (uint64_t i = 0; i < kPairs; ++i) {
+    const RenderedPair pair = source.draw(i);
+    EXPECT_TRUE((pair.T_W1.inverse() * pair.T_W0).matrix().isApprox(pair.T_10.matrix(), 1e-12));
+    // The optical axes, C + s z, meet below the cameras.
+    const Eigen::Vector3d z0 = pair.T_W0.R.col(2), z1 = pair.T_W1.R.col(2);
+    Eigen::Matrix<double, 3, 2> axes;
+    axes << z0, -z1;
+    const Eigen::Vector2d s = axes.colPivHouseholderQr().solve(pair.T_W1.t - pair.T_W0.t);
+    const Eigen::Vector3d point = pair.T_W0.t + s.x() * z0;
+    EXPECT_LT((axes * s - (pair.T_W1.t - pair.T_W0.t)).norm(), 1e-9);
+    EXPECT_NEAR(point.z(), *landscape().height_at(point.x(), point.y()), 1e-6);
+    EXPECT_NEAR(pair.T_W0.t.z() - point.z(), pair.altitude, 1e-6);
+    for (const SE3& T_WC : {pair.T_W0, pair.T_W1}) {
+      EXPECT_NEAR(T_WC.R(2, 0), 0, 1e-12) << "level";
+      EXPECT_LT(T_WC.R(2, 1), 0) << "the image's top is up";
+      EXPECT_TRUE((T_WC.R.transpose() * T_WC.R).isIdentity(1e-12) && T_WC.R.determinant() > 0);
+    }
+    const Eigen::Vector2d a = (pair.T_W0.t - point).head<2>(), b = (pair.T_W1.t - point).head<2>();
+    EXPECT_NEAR(a.norm(), b.norm(), 1e-6);
+    // The level axis of a camera says where it looks from, straight above the point too.
+    const double turned =
+        std::atan2(pair.T_W0.R.col(0).cross(pair.T_W1.R.col(0)).z(), pair.T_W0.R.col(0).dot(pair.T_W1.R.col(0)));
+    EXPECT_GE(std::abs(turned), options.orbit_min - 1e-9);
+    EXPECT_LE(std::abs(turned), options.orbit_max + 1e-9);
+    const double higher_by = (pair.T_W1.t.z() - point.z()) / pair.altitude;
+    EXPECT_GE(higher_by, 0.8 - 1e-9);
+    EXPECT_LE(higher_by, 1.25 + 1e-9);
+    left += turned > 0, higher += higher_by > 1;
+    steepest = std::max(steepest, std::acos(-z0.z()));
+    double start = 0;
+    for (int v = 0; v < 60; ++v)
+      for (int u = 0; u < 94; ++u) {
+        const Eigen::Vector3d X = options.camera.ray({u, v}) * pair.view0.depth[static_cast<size_t>(v * 94 + u)];
+        start += (options.camera.project(X) - options.camera.project(pair.T_10 * X)).norm() / (94 * 60);
+      }
+    EXPECT_GE(start, 0.85 * options.start_min);
+    EXPECT_LE(start, 1.15 * options.start_max);
+  }
+  EXPECT_GT(steepest, 0.6);
+  EXPECT_LE(steepest, 0.8 + 1e-9);
+  for (const int n : {left, higher}) EXPECT_TRUE(n > 4 && n < kPairs - 4) << n << ": both sides, both ways";
+  EXPECT_GT(source.rejected().start, 0);
+  EXPECT_NE(source.rejected().text().find("start"), std::string::npos);
+}
+
 TEST(Pairs, SeedsDecideEverything) {
   ICLK_NEED_DEVICE();
   TerrainRenderer renderer = make_renderer(landscape());
@@ -138,6 +195,13 @@ TEST(Pairs, NoRoomIsSaid) {
   refused([](PairOptions& o) { o.tilt = 2; }, {"tilt"});
   refused([](PairOptions& o) { o.translation = -1; }, {"-1 m"});
   refused([](PairOptions& o) { o.rotation = NAN; }, {"nan rad"});
+  refused([](PairOptions& o) { o.orbit_min = 0.5, o.orbit_max = 0.25; }, {"28.6", "14.3", "ascending"});
+  refused([](PairOptions& o) { o.orbit_max = NAN; }, {"nan degrees"});
+  refused([](PairOptions& o) { o.start_min = 50, o.start_max = 40; }, {"50 to 40 px"});
+  options = small_options();
+  options.start_min = 5000;
+  PairSource nowhere(renderer, options);
+  expect_error([&] { nowhere.draw(0); }, ErrorCode::invalid_argument, {"because of where they start", "starts"});
 }
 
 }  // namespace
