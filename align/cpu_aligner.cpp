@@ -107,11 +107,13 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
   Map weight;  // the M-estimator's, of the level before
   internal::Agreement agreement;
   std::optional<SE3> matched;
-  if (match_)
-    matched =
-        internal::pose_of(internal::correspondences(keyframe.match, internal::match_map(grey1, *match_), keyframe.features,
-                                                    keyframe.checks, keyframe.camera, keyframe.mean_inverse_depth, *match_),
-                          keyframe.camera, keyframe.mean_inverse_depth, *match_);
+  double repeats = 0;
+  if (match_) {
+    const auto all = internal::correspondences(keyframe.match, internal::match_map(grey1, *match_), keyframe.features,
+                                               keyframe.checks, keyframe.camera, keyframe.mean_inverse_depth, *match_);
+    repeats = internal::repeats(all);
+    matched = internal::pose_of(all, keyframe.camera, keyframe.mean_inverse_depth, *match_);
+  }
   const int first_level = matched ? match_->first_level : options_.levels - 1;
   const SE3 start = matched                   ? *matched
                     : options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
@@ -145,7 +147,7 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
     out.levels.push_back(std::move(trace));
   }
   internal::conclude({lm.point(), lm.sums(), agreement, lm.singular(), lm.last_step(), keyframe.camera,
-                      keyframe.mean_inverse_depth, pair.prior ? &*pair.prior : nullptr},
+                      keyframe.mean_inverse_depth, pair.prior ? &*pair.prior : nullptr, repeats},
                      options_, out);
   return out;
 }

@@ -14,6 +14,7 @@ struct DeviceAligner::Impl::HostRun {
   std::vector<LmIteration> lm;
   std::vector<Alignment> out;
   std::vector<int> first_level;  // of a pair: takes no steps at coarser ones
+  std::vector<float> repeats;    // Ending::repeats
   shaders::PairInfo* infos;
 
   HostRun(Impl& impl, std::span<const Pair> batch_pairs)
@@ -21,6 +22,7 @@ struct DeviceAligner::Impl::HostRun {
         pairs(batch_pairs),
         out(batch_pairs.size()),
         first_level(batch_pairs.size(), impl.options.levels - 1),
+        repeats(batch_pairs.size(), 0),
         infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
     for (size_t i = 0; i < pairs.size(); ++i) {
       const Slot& slot = slot_of(i);
@@ -100,6 +102,7 @@ struct DeviceAligner::Impl::HostRun {
         if (slot_of(i).enough) {
           lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));
           first_level[i] = static_cast<int>(infos[i].first_level);
+          repeats[i] = infos[i].repeats;
         }
     }
     if (m.options.photometric) {
@@ -172,7 +175,7 @@ struct DeviceAligner::Impl::HostRun {
       if (m.options.robust != Robust::unit)
         for (LevelTrace& level : out[i].levels) level.scale = states[i].scale[level.level];
       internal::conclude({lm[i].point(), lm[i].sums(), agreement(i), lm[i].singular(), lm[i].last_step(), slot.camera,
-                          slot.mean_inverse_depth, pairs[i].prior ? &*pairs[i].prior : nullptr},
+                          slot.mean_inverse_depth, pairs[i].prior ? &*pairs[i].prior : nullptr, repeats[i]},
                          m.options, out[i]);
     }
   }

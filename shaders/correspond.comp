@@ -11,7 +11,7 @@ layout(set = 0, binding = 2, std430) readonly buffer FeatureList { vec4 features
 layout(set = 0, binding = 3, std430) readonly buffer Matches { MatchInfo matches[]; };
 layout(set = 0, binding = 4) uniform samplerBuffer descriptors0;
 layout(set = 0, binding = 5) uniform samplerBuffer descriptors1;
-// Of a pair (count, -, -, -) and (-), then of each correspondence (point, how distinct) and (u, v, -, -).
+// Of a pair (count, share that repeats, -, -) and (-), then of each correspondence (point, how distinct) and (u, v, -, -).
 layout(set = 0, binding = 6, std430) writeonly buffer Correspondences { vec4 correspondences[]; };
 layout(push_constant) uniform Push { MatchPush push; };
 #include "match_features.glsl"
@@ -85,9 +85,12 @@ void main() {
   barrier();
   uint header = 2u * pair * (push.features + 1u);
   if (lane == 0u) {
-    uint usable = 0u;
-    for (uint k = 0u; k < count; ++k) usable += found[k].z > -2.0 ? 1u : 0u;
-    correspondences[header] = vec4(float(usable), 0.0, 0.0, 0.0);
+    uint usable = 0u, alike = 0u;
+    for (uint k = 0u; k < count; ++k) {
+      usable += found[k].z > -2.0 ? 1u : 0u;
+      alike += found[k].z > -2.0 && found[k].z < ICLK_MATCH_ALIKE ? 1u : 0u;
+    }
+    correspondences[header] = vec4(float(usable), float(alike) / float(max(usable, 1u)), 0.0, 0.0);
   }
   for (uint match = lane; match < count; match += lanes) {
     vec3 mine = found[match];

@@ -43,7 +43,10 @@ void main() {
     vec3 y1 = ray_of(view, i), y2 = ray_of(view, j), y3 = ray_of(view, k);
     vec3 d12 = x1 - x2, d13 = x1 - x3, d23 = x2 - x3, distances[4];
     int solutions = p3p_distances(y1, y2, y3, dot(d12, d12), dot(d13, d13), dot(d23, d23), distances);
+    float farther = 1.0 / (length(x1) + length(x2) + length(x3));
     for (int s = 0; s < solutions; ++s) {
+      float ratio = farther * (distances[s].x + distances[s].y + distances[s].z);
+      if (!(ratio < ICLK_MATCH_NEARER && ratio * ICLK_MATCH_NEARER > 1.0)) continue;
       Pose T = pose_of_triangles(x1, x2, x3, distances[s].x * y1, distances[s].y * y2, distances[s].z * y3);
       int inliers;
       float cost = match_cost(view, T, inliers);

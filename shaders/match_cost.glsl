@@ -1,13 +1,15 @@
 // How well a pose agrees with a pair's correspondences (correspond.comp). Needs shared.h, se3.glsl and `correspondences`.
 struct MatchView {
   int header, count;
+  float repeats;  // share of the features that look the same elsewhere
   vec4 camera;  // fx, fy, cx, cy
   float tolerance;
 };
 
 MatchView match_view(uint pair, ReferenceInfo r) {
   int header = int(2u * pair * (push.features + 1u));
-  return MatchView(header, int(texelFetch(correspondences, header).x), vec4(r.fx, r.fy, r.cx, r.cy),
+  vec4 of_pair = texelFetch(correspondences, header);
+  return MatchView(header, int(of_pair.x), of_pair.y, vec4(r.fx, r.fy, r.cx, r.cy),
                    ICLK_MATCH_TOLERANCE * float(push.scale));
 }
 

@@ -88,7 +88,8 @@ void main() {
   for (int i = 0; i < ICLK_MATCH_STEPS; ++i) T = refined(view, T);
   int inliers;
   float cost = match_cost(view, T, inliers);
-  bool believed = least < 1e30 && float(inliers) >= ICLK_MATCH_INLIERS + ICLK_MATCH_SHARE * float(view.count);
+  bool believed = least < 1e30 && view.repeats < ICLK_MATCH_REPEATS &&
+                  float(inliers) >= ICLK_MATCH_INLIERS + ICLK_MATCH_SHARE * float(view.count);
   costs[lane] = believed ? cost : 1e30;
   barrier();
   bool mine = costs[lane] < 1e30, any = false;
@@ -96,6 +97,7 @@ void main() {
     any = any || costs[i] < 1e30;
     mine = mine && (costs[lane] < costs[i] || (costs[lane] == costs[i] && lane <= i));
   }
+  if (lane == 0u) pairs[pair].repeats = view.repeats;
   uint start = pair * push.starts;
   float length = 1.0 / reference.mean_inverse_depth;
   if (mine) {

@@ -146,7 +146,8 @@ uint judge(uint pair, float variance, float correlation) {
   float more = variance_ratio(pair) - 1.0;  // of what the images say of H, not of what the prior does
   for (uint at = 0u; at < 36u; ++at) H[at] += more * image[at] * d[at / 6u] * d[at % 6u];
   spread(variance, d);
-  return sigma <= ICLK_LARGEST_SIGMA * max(1.0, focal / 500.0) ? CONVERGED : DEGENERATE;
+  bool one_pose = pairs[pair].has_prior != 0u || !(pairs[pair].repeats >= ICLK_MATCH_REPEATS);
+  return one_pose && sigma <= ICLK_LARGEST_SIGMA * max(1.0, focal / 500.0) ? CONVERGED : DEGENERATE;
 }
 
 void main() {
@@ -175,6 +176,7 @@ void main() {
     states[pair].agreement[4u * i + 2u] = total[i].z;
     states[pair].agreement[4u * i + 3u] = total[i].w;
   }
+  states[pair].repeats = pairs[pair].repeats;
   float a = states[pair].accepted_gain, b = states[pair].accepted_bias, n = states[pair].sums[4 * 11 + 3];
   float cost = states[pair].sums[4 * 14], visible = states[pair].sums[4 * 14 + 1], masked = states[pair].sums[4 * 14 + 2];
   float correlation = correlation_of(pair);

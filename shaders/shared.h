@@ -72,6 +72,10 @@ using uint = uint32_t;
 // A start is tried if so many correspondences agree with it, and a share of all; the verdict has the last word on its pose.
 #define ICLK_MATCH_INLIERS 7
 #define ICLK_MATCH_SHARE 0.05
+#define ICLK_MATCH_NEARER 3.0  // patches are compared at their own size: what comes nearer or goes farther by more is no start
+// A feature repeats if another place scores as much less at most; where such a share repeats, there is no one pose.
+#define ICLK_MATCH_ALIKE 0.01
+#define ICLK_MATCH_REPEATS 0.75
 
 // Robust and Damping of align/options.h.
 #define ICLK_ROBUST_UNIT 0
@@ -121,6 +125,7 @@ struct PairInfo {
   uint has_prior;
   uint target;       // whose maps
   uint first_level;  // takes no steps at coarser levels
+  float repeats;     // share of the features that look the same elsewhere in the target; 0 where nobody looked
   float gain, bias;  // where to evaluate: the host solver's point
   float pose[12];
   float prior_pose[12];
@@ -155,6 +160,7 @@ struct PairState {
   float lambda, nu;
   float last_step;
   float belief_scale;  // at the accepted point: belief.glsl
+  float repeats;  // PairInfo's
   uint has_accepted, done, singular;
   uint iterations[ICLK_MAX_LEVELS];  // taken at each level
   float scale[ICLK_MAX_LEVELS];      // robust scale of each level

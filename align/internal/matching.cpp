@@ -217,10 +217,15 @@ std::vector<Correspondence> correspondences(const Map& map0, const Map& map1, co
   return found;
 }
 
+double repeats(const std::vector<Correspondence>& all) {
+  const auto alike = std::count_if(all.begin(), all.end(), [](const auto& c) { return c.distinct < float{ICLK_MATCH_ALIKE}; });
+  return static_cast<double>(alike) / static_cast<double>(std::max<size_t>(all.size(), 1));
+}
+
 std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera& camera, double mean_inverse_depth,
                            const MatchLayout& layout) {
   const auto count = static_cast<uint32_t>(all.size());
-  if (count < 4) return {};
+  if (count < 4 || repeats(all) >= ICLK_MATCH_REPEATS) return {};
   const Agreeing agreeing{all, camera, ICLK_MATCH_TOLERANCE * layout.scale};
   struct Hypothesis {
     SE3 T;
@@ -235,9 +240,13 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
     k += k >= std::min(i, j);
     k += k >= std::max(i, j);
     Hypothesis& share = best[number % ICLK_MATCH_GROUP];
-    for (const SE3& T : p3p({all[i].point, all[j].point, all[k].point},
-                            {camera.ray(all[i].pixel), camera.ray(all[j].pixel), camera.ray(all[k].pixel)}))
+    const std::array<Vector3d, 3> points = {all[i].point, all[j].point, all[k].point};
+    for (const SE3& T : p3p(points, {camera.ray(all[i].pixel), camera.ray(all[j].pixel), camera.ray(all[k].pixel)})) {
+      double before = 0, after = 0;
+      for (const Vector3d& X : points) before += X.norm(), after += (T * X).norm();
+      if (!(after < ICLK_MATCH_NEARER * before && ICLK_MATCH_NEARER * after > before)) continue;
       if (const double cost = agreeing.cost(T).cost; cost < share.cost) share = {T, cost};
+    }
   }
   std::optional<SE3> start;
   double least = 1e30;

@@ -50,7 +50,10 @@ std::vector<Correspondence> correspondences(const Map& map0, const Map& map1, co
                                             std::span<const FeatureCheck> checks, const Camera& camera,
                                             double mean_inverse_depth, const MatchLayout& layout);
 
-/// The pose that most of them agree with, or none if too few do. Deterministic.
+/// Share of them that look the same elsewhere in the target.
+double repeats(const std::vector<Correspondence>& correspondences);
+
+/// The pose that most of them agree with, or none if too few do or the texture repeats. Deterministic.
 std::optional<SE3> pose_of(const std::vector<Correspondence>& correspondences, const Camera& camera, double mean_inverse_depth,
                            const MatchLayout& layout);
 

@@ -362,6 +362,7 @@ Alignment conclude_device(const shaders::PairState& state, const shaders::TraceE
   ending.mean_inverse_depth = mean_inverse_depth;
   ending.agreement = unpack_agreement(state.agreement);
   ending.prior = prior;
+  ending.repeats = state.repeats;
   conclude(ending, options, out);
   return out;
 }

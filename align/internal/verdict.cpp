@@ -113,6 +113,11 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
                                 ending.mean_inverse_depth * std::sqrt(covariance.topLeftCorner<3, 3>().trace()));
   if (!(sigma <= ICLK_LARGEST_SIGMA * std::max(1.0, focal / 500)))
     return end(Status::degenerate, format("too little texture: the pose is uncertain by %.2g px (standard deviation)", sigma));
+  if (!ending.prior && ending.repeats >= ICLK_MATCH_REPEATS)
+    return end(Status::degenerate,
+               format("the texture repeats: %.0f %% of the features look the same elsewhere in the target, so "
+                      "that other poses explain it as well; a first guess decides which",
+                      100 * ending.repeats));
   const double more = ending.agreement.variance_ratio(options.photometric ? 8 : 6) - 1;
   const Matrix6d dependent = covariance + more * variance * inverse * evidence.image * inverse;
   out.covariance = 0.5 * (dependent + dependent.transpose());

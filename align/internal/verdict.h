@@ -18,6 +18,7 @@ struct Ending {
   Camera camera;          ///< of level 0
   double mean_inverse_depth = 0;
   const PosePrior* prior = nullptr;  ///< or null
+  double repeats = 0;                ///< share of the features that look the same elsewhere in the target
 };
 
 /// Fills pose, H, covariance, cost, correlation, visible fraction, gain, bias, status and reason of `alignment` from an ending:

@@ -232,6 +232,30 @@ TEST_P(Matched, UnrelatedImagesAreNotClaimed) {
   }
 }
 
+// Wherever a feature is looked for there is another place like it: the nearest of many poses is no answer to be claimed, but
+// one for somebody who says where to look.
+TEST_P(Matched, RepeatedTextureIsSaid) {
+  Relief scene;
+  scene.camera = {300, 300, 159.5, 119.5, 320, 240};
+  scene.depth_amplitude = 0;
+  scene.T_10.t.x() = 3.0 * scene.distance / 300;
+  const Features features = random_features(scene, 100);
+  const Frame image0 = chequered(320, 240, 0, 1), image1 = chequered(320, 240, 3, 2);
+  const Alignment a = align_once(way(), scene, image0, image1, features, matching());
+  EXPECT_EQ(a.status, Status::degenerate) << a.reason;
+  EXPECT_NE(a.reason.find("repeats: 100 %"), std::string::npos) << a.reason;
+  EXPECT_TRUE(a.covariance.isZero());
+  EXPECT_LT(a.T_10.t.norm(), 2 * scene.distance) << "nor is it started from far away";
+  PosePrior prior{scene.T_10, Matrix6d::Identity() * 1e4};
+  const Alignment b = align_once(way(), scene, image0, image1, features, matching(), scene.T_10, prior);
+  EXPECT_TRUE(b.converged()) << b.reason;
+  AlignerOptions near = matching();
+  near.search.enabled = false;
+  const Alignment c = align_once(way(), scene, image0, image1, features, near);
+  EXPECT_TRUE(c.converged()) << c.reason;
+  EXPECT_LT(pixel_error(scene, features, c.T_10), 0.1);
+}
+
 INSTANTIATE_TEST_SUITE_P(All, Matched, testing::Values(Way::cpu, Way::host, Way::device, Way::split), way_name);
 
 // A start that matching found must not stay when the same commands see images that it cannot match.

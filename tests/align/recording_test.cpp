@@ -215,6 +215,7 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
   other.seed = 7;
   const auto edges0 = bytes_of(render(edges, 0), 1), edges1 = bytes_of(render(edges, 1), 1);
   const auto unrelated = bytes_of(render(other, 1), 1);
+  const auto chequered0 = bytes_of(chequered(160, 120, 0, 1), 1), chequered1 = bytes_of(chequered(160, 120, 2, 2), 1);
   SE3 away;
   away.t.x() = 100;
   struct Case {
@@ -223,17 +224,21 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
     int levels, iterations;
     Status status;
     double prior = 0;  // its information
+    bool search = false;
   };
   for (const Case& c :
        {Case{&image0, &image1, {}, 4, 10, Status::converged}, Case{&image0, &image1, {}, 1, 1, Status::max_iterations},
         Case{&image0, &image1, away, 4, 10, Status::low_overlap}, Case{&grey, &image1, {}, 4, 10, Status::degenerate},
         Case{&edges0, &edges1, {}, 4, 10, Status::degenerate}, Case{&edges0, &edges1, {}, 4, 10, Status::converged, 1e6},
-        Case{&image0, &unrelated, {}, 4, 10, Status::diverged}}) {
+        Case{&image0, &unrelated, {}, 4, 10, Status::diverged}, Case{&chequered0, &chequered1, {}, 4, 10, Status::converged},
+        Case{&chequered0, &chequered1, {}, 4, 10, Status::degenerate, 0, true},
+        Case{&image0, &image1, {}, 4, 10, Status::converged, 0, true}}) {
     Plan plan = plan_for(scene.camera);
     plan.format = PixelFormat::r8;
     AlignerOptions options;
     options.levels = c.levels;
     options.iterations = c.iterations;
+    options.search.enabled = c.search;
     DeviceAligner aligner(context, plan, options, Solver::device);
     aligner.set_reference(0, {{c.reference->data(), 160, 120, 0, PixelFormat::r8}, scene.camera, features, {}});
     ApplicationImage image(app, 160, 120, VK_FORMAT_R8_UNORM, VK_IMAGE_LAYOUT_GENERAL);

@@ -111,6 +111,19 @@ inline Frame render(const Relief& r, int which, uint32_t noise_seed = 0) {
   return frame;
 }
 
+/// A chequered wall, squares of 24 px, `right` px further right, with its own noise.
+inline Frame chequered(int width, int height, double right, uint32_t noise_seed) {
+  std::mt19937 random(noise_seed);
+  std::normal_distribution<float> noise(0, 0.005f);
+  Frame frame{width, height, std::vector<float>(static_cast<size_t>(width) * height)};
+  for (int v = 0; v < height; ++v)
+    for (int u = 0; u < width; ++u) {
+      const double wave = std::sin(M_PI * (u - right) / 24) * std::sin(M_PI * v / 24);
+      frame.at(u, v) = static_cast<float>(0.5 + 0.3 * std::tanh(6 * wave)) + noise(random);
+    }
+  return frame;
+}
+
 /// n features at sub-pixel places at least `border` px inside image 0, with exact inverse depths.
 inline Features random_features(const Relief& r, int n, uint32_t seed = 1, double border = 12) {
   std::mt19937 random(seed);
