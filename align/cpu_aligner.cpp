@@ -106,16 +106,12 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
   out.features = keyframe.checks;
   Map weight;  // the M-estimator's, of the level before
   internal::Agreement agreement;
-  std::optional<SE3> matched;
-  double repeats = 0;
-  if (match_) {
-    const auto all = internal::correspondences(keyframe.match, internal::match_map(grey1, *match_), keyframe.features,
-                                               keyframe.checks, keyframe.camera, keyframe.mean_inverse_depth, *match_);
-    repeats = internal::repeats(all);
-    matched = internal::pose_of(all, keyframe.camera, keyframe.mean_inverse_depth, *match_);
-  }
-  const int first_level = matched ? match_->first_level : options_.levels - 1;
-  const SE3 start = matched                   ? *matched
+  internal::MatchedStart matched;
+  if (match_)
+    matched = internal::matched_start(keyframe.match, internal::match_map(grey1, *match_), keyframe.features, keyframe.checks,
+                                      keyframe.camera, keyframe.mean_inverse_depth, *match_);
+  const int first_level = matched.T_10 ? match_->first_level : options_.levels - 1;
+  const SE3 start = matched.T_10              ? *matched.T_10
                     : options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
                                                                        keyframe.mean_inverse_depth, pair.T_10, options_)
                                               : pair.T_10;
@@ -147,7 +143,7 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
     out.levels.push_back(std::move(trace));
   }
   internal::conclude({lm.point(), lm.sums(), agreement, lm.singular(), lm.last_step(), keyframe.camera,
-                      keyframe.mean_inverse_depth, pair.prior ? &*pair.prior : nullptr, repeats},
+                      keyframe.mean_inverse_depth, pair.prior ? &*pair.prior : nullptr, matched.repeats},
                      options_, out);
   return out;
 }

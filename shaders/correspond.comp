@@ -15,6 +15,7 @@ layout(set = 0, binding = 5) uniform samplerBuffer descriptors1;
 layout(set = 0, binding = 6, std430) writeonly buffer Correspondences { vec4 correspondences[]; };
 layout(push_constant) uniform Push { MatchPush push; };
 #include "match_features.glsl"
+#include "match_pair.glsl"
 
 shared vec3 found[ICLK_MATCH_FEATURES];  // u, v, how distinct; -2: not found
 
@@ -35,9 +36,9 @@ float peak(float before, float here, float after) {
 
 void main() {
   uint pair = gl_WorkGroupID.z, lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;
-  if (pairs[pair].enabled == 0u) return;
+  if (!takes_part(pair)) return;
   ReferenceInfo reference = references[pairs[pair].reference];
-  uint count = min(reference.feature_count, push.features);
+  uint taking_part = min(reference.feature_count, push.features), count = min(taking_part, push.sought);
   places_x = int(push.width) - ICLK_PATCH + 1;
   places_y = int(push.height) - ICLK_PATCH + 1;
   base = int(pairs[pair].target) * places_x * places_y;
@@ -60,9 +61,11 @@ void main() {
     }
     int place = int(matches[of_pair + tile * push.features + match].place);
     int u = place % places_x, v = place / places_x;
-    int from = int((pairs[pair].reference * push.features + match) * ICLK_MATCH_ROLLS) * ICLK_MATCH_TEXELS, roll = from;
+    uint slot = sought_feature(match, taking_part, count);
+    int from = int((pairs[pair].reference * push.features + slot) * ICLK_MATCH_ROLLS + push.first_roll) * ICLK_MATCH_TEXELS;
+    int roll = from;
     float most = -2.0;
-    for (int k = 0; k < ICLK_MATCH_ROLLS; ++k, from += ICLK_MATCH_TEXELS) {
+    for (uint k = 0u; k < push.rolls; ++k, from += ICLK_MATCH_TEXELS) {
       t0 = texelFetch(descriptors0, from);
       t1 = texelFetch(descriptors0, from + 1);
       t2 = texelFetch(descriptors0, from + 2);
@@ -96,7 +99,8 @@ void main() {
     vec3 mine = found[match];
     uint rank = 0u;
     for (uint k = 0u; k < count; ++k) rank += found[k].z > mine.z || (found[k].z == mine.z && k < match) ? 1u : 0u;
-    vec4 feature = features[pairs[pair].reference * push.max_features + feature_of(match, reference.feature_count)];
+    uint index = feature_of(sought_feature(match, taking_part, count), reference.feature_count);
+    vec4 feature = features[pairs[pair].reference * push.max_features + index];
     float depth = feature.z > 0.0 ? reference.mean_inverse_depth / feature.z : 0.0;
     vec3 ray = vec3((feature.x - reference.cx) / reference.fx, (feature.y - reference.cy) / reference.fy, 1.0);
     uint to = header + 2u * (rank + 1u);

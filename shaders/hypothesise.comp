@@ -1,7 +1,7 @@
 #version 460
 // A pose from three correspondences each, and what it costs against all of them. Every other hypothesis draws from the most
 // distinct quarter. Draws depend on the number of the hypothesis alone, so that a pair has the same start in every batch.
-// Groups: (ICLK_MATCH_HYPOTHESES / local size, 1, pairs).
+// Groups: (hypotheses / local size, 1, pairs).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
@@ -13,6 +13,7 @@ layout(set = 0, binding = 3, std430) writeonly buffer Hypotheses { vec4 hypothes
 layout(push_constant) uniform Push { MatchPush push; };
 #include "se3.glsl"
 #include "match_cost.glsl"
+#include "match_pair.glsl"
 #include "p3p.glsl"
 
 // PCG (O'Neill 2014), as a hash.
@@ -28,7 +29,7 @@ vec3 ray_of(MatchView view, int k) {
 
 void main() {
   uint pair = gl_WorkGroupID.z, number = gl_GlobalInvocationID.x;
-  if (pairs[pair].enabled == 0u || number >= ICLK_MATCH_HYPOTHESES) return;
+  if (!takes_part(pair) || number >= push.hypotheses) return;
   MatchView view = match_view(pair, references[pairs[pair].reference]);
   Pose best = Pose(mat3(1.0), vec3(0.0));
   float least = 1e30;

@@ -16,6 +16,7 @@ layout(set = 0, binding = 4, std430) buffer Starts { PairInfo starts[]; };  // o
 layout(push_constant) uniform Push { MatchPush push; };
 #include "se3.glsl"
 #include "match_cost.glsl"
+#include "match_pair.glsl"
 
 shared float costs[ICLK_MATCH_GROUP];
 
@@ -74,12 +75,12 @@ Pose refined(MatchView view, Pose T) {
 
 void main() {
   uint pair = gl_WorkGroupID.z, lane = gl_LocalInvocationIndex;
-  if (pairs[pair].enabled == 0u) return;
+  if (!takes_part(pair)) return;
   ReferenceInfo reference = references[pairs[pair].reference];
   MatchView view = match_view(pair, reference);
   uint first = pair * ICLK_MATCH_HYPOTHESES, chosen = lane;
   float least = 1e30;
-  for (uint i = lane; i < ICLK_MATCH_HYPOTHESES; i += ICLK_MATCH_GROUP) {
+  for (uint i = lane; i < push.hypotheses; i += ICLK_MATCH_GROUP) {
     float cost = hypotheses[4u * (first + i) + 3u].x;
     chosen = cost < least ? i : chosen;
     least = min(least, cost);
@@ -87,9 +88,9 @@ void main() {
   Pose T = hypothesis(4u * (first + chosen));
   for (int i = 0; i < ICLK_MATCH_STEPS; ++i) T = refined(view, T);
   int inliers;
-  float cost = match_cost(view, T, inliers);
+  float cost = match_cost(view, T, inliers), share = push.rolls == 1u ? ICLK_MATCH_UPRIGHT_SHARE : ICLK_MATCH_SHARE;
   bool believed = least < 1e30 && view.repeats < ICLK_MATCH_REPEATS &&
-                  float(inliers) >= ICLK_MATCH_INLIERS + ICLK_MATCH_SHARE * float(view.count);
+                  float(inliers) >= ICLK_MATCH_INLIERS + share * float(view.count);
   costs[lane] = believed ? cost : 1e30;
   barrier();
   bool mine = costs[lane] < 1e30, any = false;
@@ -97,7 +98,10 @@ void main() {
     any = any || costs[i] < 1e30;
     mine = mine && (costs[lane] < costs[i] || (costs[lane] == costs[i] && lane <= i));
   }
-  if (lane == 0u) pairs[pair].repeats = view.repeats;
+  if (lane == 0u) {
+    pairs[pair].matched = any ? 1u : 0u;
+    pairs[pair].repeats = view.repeats;
+  }
   uint start = pair * push.starts;
   float length = 1.0 / reference.mean_inverse_depth;
   if (mine) {

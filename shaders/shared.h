@@ -65,13 +65,16 @@ using uint = uint32_t;
 #define ICLK_MATCH_FEATURES 200     // of more, so many take part, evenly out of their list
 #define ICLK_MATCH_TILE 16          // places: each feature has one best place a tile of so many squared
 #define ICLK_MATCH_LEAST 0.02       // norm of a descriptor before it is normalised: less is no texture
-#define ICLK_MATCH_HYPOTHESES 512   // poses from three correspondences each
+#define ICLK_MATCH_HYPOTHESES 512   // poses from three correspondences each, of all rolls
+#define ICLK_MATCH_UPRIGHT_FEATURES 128    // of those, where no roll is looked for
+#define ICLK_MATCH_UPRIGHT_HYPOTHESES 256
 #define ICLK_MATCH_GROUP 8          // invocations that refine the best hypotheses, one each
 #define ICLK_MATCH_STEPS 8          // of that refinement
 #define ICLK_MATCH_TOLERANCE 1.5    // pixels of the map: a correspondence that is as near agrees with a pose
 // A start is tried if so many correspondences agree with it, and a share of all; the verdict has the last word on its pose.
 #define ICLK_MATCH_INLIERS 7
 #define ICLK_MATCH_SHARE 0.05
+#define ICLK_MATCH_UPRIGHT_SHARE 0.2  // the same of patches that are not rolled, a fifth of the work: they must convince more
 #define ICLK_MATCH_NEARER 3.0  // patches are compared at their own size: what comes nearer or goes farther by more is no start
 // A feature repeats if another place scores as much less at most; where such a share repeats, there is no one pose.
 #define ICLK_MATCH_ALIKE 0.01
@@ -125,6 +128,7 @@ struct PairInfo {
   uint has_prior;
   uint target;       // whose maps
   uint first_level;  // takes no steps at coarser levels
+  uint matched;      // a start was found by matching
   float repeats;     // share of the features that look the same elsewhere in the target; 0 where nobody looked
   float gain, bias;  // where to evaluate: the host solver's point
   float pose[12];
@@ -280,6 +284,9 @@ struct MatchPush {
   uint first_level;      // match_pose.comp: where a pair begins that is believed
   uint coarsest;         // match_pose.comp: where another does
   uint starts;           // match_pose.comp: PairInfo of a pair in the list of starts
+  uint hypotheses;         // hypothesise.comp, match_pose.comp: of a pair
+  uint sought;             // of `features`, at most
+  uint first_roll, rolls;  // of the reference's patches, that are looked for: the upright ones, then all for pairs still unmatched
 };
 
 // The best place of a feature in a tile.

@@ -61,11 +61,12 @@ void DeviceMatching::load(const std::shared_ptr<const engine::Context>& context)
                                   push,
                                   {sizes_.map}});
   batch.add(describe_target_, {"describe_target", describe_target_comp_spv, {texel_read, storage_write}, push, {sizes_.map}});
-  batch.add(match_kernel_, {"match",
-                            match_comp_spv,
-                            {storage_read, storage_read, texel_read, texel_read, storage_write},
-                            push,
-                            {std::min(sizes_.iterate, 64u)}});
+  for (const uint32_t upright : {0u, 1u})
+    batch.add(match_kernels_[upright], {"match",
+                                        match_comp_spv,
+                                        {storage_read, storage_read, texel_read, texel_read, storage_write},
+                                        push,
+                                        {std::min(sizes_.iterate, 64u), upright}});
   batch.add(correspond_, {"correspond",
                           correspond_comp_spv,
                           {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, storage_write},
@@ -87,9 +88,9 @@ void DeviceMatching::load(const std::shared_ptr<const engine::Context>& context)
 void DeviceMatching::add_to(engine::ArenaSize& size) const {
   if (!match_.enabled) return;
   size.add(grey_kernel_, 2);
-  for (const engine::Kernel* kernel :
-       {&describe_reference_, &describe_target_, &match_kernel_, &correspond_, &hypothesise_, &pose_})
+  for (const engine::Kernel* kernel : {&describe_reference_, &describe_target_, &match_kernels_[0], &match_kernels_[1]})
     size.add(*kernel);
+  for (const engine::Kernel* kernel : {&correspond_, &hypothesise_, &pose_}) size.add(*kernel, 2);
 }
 
 void DeviceMatching::grey(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first,
@@ -111,24 +112,38 @@ void DeviceMatching::describe(engine::Recorder& recorder, const engine::Workspac
 }
 
 void DeviceMatching::find(engine::Recorder& recorder, const engine::Workspace& memory, const Pairs& pairs) const {
-  const uint32_t group = std::min(sizes_.iterate, 64u), count = pairs.count;
+  const uint32_t count = pairs.count;
   recorder.stage("describe");
   grey(recorder, pairs.pixels1, memory[grey1_], 0, count);
   recorder.dispatch(describe_target_, {&memory[grey1_], &memory[descriptors1_]}, push_,
                     {groups_for(static_cast<uint32_t>(match_.places()), sizes_.map), 1, count});
+  round(recorder, memory, pairs, true);
+  round(recorder, memory, pairs, false);
+}
+
+void DeviceMatching::round(engine::Recorder& recorder, const engine::Workspace& memory, const Pairs& pairs,
+                           bool upright) const {
+  const uint32_t group = std::min(sizes_.iterate, 64u), count = pairs.count;
+  shaders::MatchPush push = push_;
+  push.first_roll = upright ? ICLK_MATCH_ROLLS / 2 : 0;
+  push.hypotheses = upright ? ICLK_MATCH_UPRIGHT_HYPOTHESES : ICLK_MATCH_HYPOTHESES;
+  push.rolls = upright ? 1 : ICLK_MATCH_ROLLS;
+  push.sought = std::min(push.features, upright ? ICLK_MATCH_UPRIGHT_FEATURES : push.features);
+  const uint32_t features = std::min(pairs.most_features, push.sought);
   recorder.stage("match");
-  recorder.dispatch(
-      match_kernel_, {&pairs.references, &pairs.pairs, &memory[descriptors0_], &memory[descriptors1_], &memory[matches_]},
-      push_, {groups_for(std::min(pairs.most_features, push_.features), group), static_cast<uint32_t>(match_.tiles()), count});
+  recorder.dispatch(match_kernels_[upright],
+                    {&pairs.references, &pairs.pairs, &memory[descriptors0_], &memory[descriptors1_], &memory[matches_]}, push,
+                    {groups_for(upright ? groups_for(features, ICLK_MATCH_ROLLS) : features, group),
+                     static_cast<uint32_t>(match_.tiles()), count});
   recorder.dispatch(correspond_,
                     {&pairs.references, &pairs.pairs, &pairs.features, &memory[matches_], &memory[descriptors0_],
                      &memory[descriptors1_], &memory[correspondences_]},
-                    push_, {1, 1, count});
+                    push, {1, 1, count});
   recorder.stage("match_pose");
-  recorder.dispatch(hypothesise_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_]}, push_,
-                    {groups_for(ICLK_MATCH_HYPOTHESES, group), 1, count});
+  recorder.dispatch(hypothesise_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_]}, push,
+                    {groups_for(push.hypotheses, group), 1, count});
   recorder.dispatch(pose_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_], &pairs.starts},
-                    push_, {1, 1, count});
+                    push, {1, 1, count});
 }
 
 }  // namespace iclk::internal

@@ -32,13 +32,16 @@ class DeviceMatching {
  private:
   void grey(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first,
             uint32_t count) const;
+  /// Looks for patches that are not rolled, or for all rolls for those pairs that are not matched yet.
+  void round(engine::Recorder& recorder, const engine::Workspace& memory, const Pairs& pairs, bool upright) const;
 
   MatchLayout match_;
   shaders::MatchPush push_{};
   PixelFormat format_;
   WorkgroupSizes sizes_;
   engine::BufferId grey0_{}, grey1_{}, descriptors0_{}, descriptors1_{}, matches_{}, correspondences_{}, hypotheses_{};
-  engine::Kernel grey_kernel_, describe_reference_, describe_target_, match_kernel_, correspond_, hypothesise_, pose_;
+  engine::Kernel grey_kernel_, describe_reference_, describe_target_, correspond_, hypothesise_, pose_;
+  engine::Kernel match_kernels_[2];  // all rolls, upright
 };
 
 }  // namespace iclk::internal

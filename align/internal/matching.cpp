@@ -154,7 +154,7 @@ Map match_map(const Map& grey, const MatchLayout& layout) {
 
 std::vector<Correspondence> correspondences(const Map& map0, const Map& map1, const Features& features,
                                             std::span<const FeatureCheck> checks, const Camera& camera,
-                                            double mean_inverse_depth, const MatchLayout& layout) {
+                                            double mean_inverse_depth, const MatchLayout& layout, Rolls which) {
   std::vector<MatchDescriptor> places(static_cast<size_t>(layout.places()));
   std::array<float, ICLK_PATCH_AREA> patch;
   for (int k = 0; k < layout.places(); ++k) {
@@ -167,19 +167,22 @@ std::vector<Correspondence> correspondences(const Map& map0, const Map& map1, co
   };
   std::vector<Correspondence> found;
   const int count = features.size();
-  for (int match = 0; match < std::min(count, layout.features); ++match) {
-    const auto i = static_cast<size_t>(matched_feature(match, count));
+  const int taking_part = std::min(count, layout.features),
+            sought = which == Rolls::all ? taking_part : std::min(taking_part, ICLK_MATCH_UPRIGHT_FEATURES);
+  for (int match = 0; match < sought; ++match) {
+    const auto i = static_cast<size_t>(matched_feature(match * taking_part / sought, count));
     if (checks[i] != FeatureCheck::ok) continue;
     const Vector2d centre = (features.uv[i].array() + 0.5) / layout.scale - 0.5;
-    std::array<MatchDescriptor, ICLK_MATCH_ROLLS> rolls;
+    std::vector<MatchDescriptor> rolls;
     for (int roll = 0; roll < ICLK_MATCH_ROLLS; ++roll) {
+      if (which == Rolls::upright && roll != ICLK_MATCH_ROLLS / 2) continue;
       const double angle = (roll - 0.5 * (ICLK_MATCH_ROLLS - 1)) * ICLK_MATCH_ROLL;
       const Vector2d along(std::cos(angle), std::sin(angle)), down(-along.y(), along.x());
       for (int p = 0; p < ICLK_PATCH_AREA; ++p) {
         const Vector2d at = centre + (p % kPatch - 3.5) * along + (p / kPatch - 3.5) * down;
         patch[static_cast<size_t>(p)] = static_cast<float>(map0.bilinear(at.x(), at.y()));
       }
-      rolls[static_cast<size_t>(roll)] = describe(patch);
+      rolls.push_back(describe(patch));
     }
     const auto score = [&](const MatchDescriptor& d) {
       float most = -2;
@@ -223,7 +226,7 @@ double repeats(const std::vector<Correspondence>& all) {
 }
 
 std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera& camera, double mean_inverse_depth,
-                           const MatchLayout& layout) {
+                           const MatchLayout& layout, int hypotheses, double share_of_all) {
   const auto count = static_cast<uint32_t>(all.size());
   if (count < 4 || repeats(all) >= ICLK_MATCH_REPEATS) return {};
   const Agreeing agreeing{all, camera, ICLK_MATCH_TOLERANCE * layout.scale};
@@ -232,7 +235,7 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
     double cost = 1e30;
   };
   std::array<Hypothesis, ICLK_MATCH_GROUP> best;  // one of each share of the hypotheses
-  for (uint32_t number = 0; number < ICLK_MATCH_HYPOTHESES; ++number) {
+  for (uint32_t number = 0; number < static_cast<uint32_t>(hypotheses); ++number) {
     const uint32_t pool = number % 2 == 0 ? count : std::min(count, std::max(count / 4, 12u));
     const uint32_t i = hash(3 * number) % pool;
     uint32_t j = hash(3 * number + 1) % (pool - 1), k = hash(3 * number + 2) % (pool - 2);
@@ -254,12 +257,22 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
     if (h.cost >= 1e30) continue;
     for (int i = 0; i < ICLK_MATCH_STEPS; ++i) h.T = agreeing.refined(h.T);
     const auto [cost, inliers] = agreeing.cost(h.T);
-    if (inliers < ICLK_MATCH_INLIERS + ICLK_MATCH_SHARE * count || cost >= least) continue;
+    if (inliers < ICLK_MATCH_INLIERS + share_of_all * count || cost >= least) continue;
     least = cost;
     start = h.T;
     start->t /= mean_inverse_depth;
   }
   return start;
+}
+
+MatchedStart matched_start(const Map& map0, const Map& map1, const Features& features, std::span<const FeatureCheck> checks,
+                           const Camera& camera, double mean_inverse_depth, const MatchLayout& layout) {
+  const auto start = [&](Rolls rolls, int hypotheses, double share) -> MatchedStart {
+    const auto all = correspondences(map0, map1, features, checks, camera, mean_inverse_depth, layout, rolls);
+    return {pose_of(all, camera, mean_inverse_depth, layout, hypotheses, share), repeats(all)};
+  };
+  const MatchedStart upright = start(Rolls::upright, ICLK_MATCH_UPRIGHT_HYPOTHESES, ICLK_MATCH_UPRIGHT_SHARE);
+  return upright.T_10 ? upright : start(Rolls::all, ICLK_MATCH_HYPOTHESES, ICLK_MATCH_SHARE);
 }
 
 }  // namespace iclk::internal

@@ -45,16 +45,27 @@ struct Correspondence {
   Eigen::Vector2d pixel;
   float distinct;  ///< score of the best place less that of the best one elsewhere
 };
+/// Patches of the reference that are looked for.
+enum class Rolls { upright, all };
 /// Of every feature that has a place, the most distinct first. Maps as match_map() makes them.
 std::vector<Correspondence> correspondences(const Map& map0, const Map& map1, const Features& features,
                                             std::span<const FeatureCheck> checks, const Camera& camera,
-                                            double mean_inverse_depth, const MatchLayout& layout);
+                                            double mean_inverse_depth, const MatchLayout& layout, Rolls rolls);
 
 /// Share of them that look the same elsewhere in the target.
 double repeats(const std::vector<Correspondence>& correspondences);
 
-/// The pose that most of them agree with, or none if too few do or the texture repeats. Deterministic.
+/// The pose that most of them agree with, of as many from three each; none if less than a `share` does or the texture repeats.
+/// Deterministic.
 std::optional<SE3> pose_of(const std::vector<Correspondence>& correspondences, const Camera& camera, double mean_inverse_depth,
-                           const MatchLayout& layout);
+                           const MatchLayout& layout, int hypotheses, double share);
+
+struct MatchedStart {
+  std::optional<SE3> T_10;
+  double repeats = 0;  ///< Ending::repeats
+};
+/// First by patches that are not rolled, at a fifth of the work; where too few of them agree, by all rolls.
+MatchedStart matched_start(const Map& map0, const Map& map1, const Features& features, std::span<const FeatureCheck> checks,
+                           const Camera& camera, double mean_inverse_depth, const MatchLayout& layout);
 
 }  // namespace iclk::internal

@@ -110,7 +110,7 @@ TEST(Matching, MostCorrespondencesAreTrue) {
   const auto checks = check_features(features, scene.camera);
   const Map map0 = internal::match_map(grey_map(render(scene, 0).view()), layout),
             map1 = internal::match_map(grey_map(render(scene, 1).view()), layout);
-  const auto all = internal::correspondences(map0, map1, features, checks, scene.camera, 1, layout);
+  const auto all = internal::correspondences(map0, map1, features, checks, scene.camera, 1, layout, internal::Rolls::all);
   int inside = 0, near = 0;
   for (const auto& c : all) {
     const Vector3d X = scene.T_10 * c.point;
@@ -122,7 +122,7 @@ TEST(Matching, MostCorrespondencesAreTrue) {
   EXPECT_GE(inside, 40);
   EXPECT_GE(near, inside / 2);
   for (size_t i = 1; i < all.size(); ++i) EXPECT_LE(all[i].distinct, all[i - 1].distinct);
-  const auto start = internal::pose_of(all, scene.camera, 1, layout);
+  const auto start = internal::pose_of(all, scene.camera, 1, layout, ICLK_MATCH_HYPOTHESES, ICLK_MATCH_SHARE);
   ASSERT_TRUE(start);
   EXPECT_LT(pixel_error(scene, features, *start), 1.5);
 }
@@ -137,7 +137,7 @@ TEST(Matching, WhatAgreesOnNothingIsNotBelieved) {
     for (int i = 0; i < count; ++i)
       all.push_back(
           {scene.camera.ray({160 * x(random), 120 * x(random)}) * (1 + x(random)), {160 * x(random), 120 * x(random)}, 0});
-    EXPECT_FALSE(internal::pose_of(all, scene.camera, 1, layout)) << count;
+    EXPECT_FALSE(internal::pose_of(all, scene.camera, 1, layout, ICLK_MATCH_HYPOTHESES, ICLK_MATCH_SHARE)) << count;
   }
 }
 
@@ -221,6 +221,31 @@ TEST_P(Matched, RollsAreFoundUpToALimitAndNeverClaimedWrongly) {
       EXPECT_TRUE(a.converged()) << roll << ": " << a.reason;
     }
   }
+}
+
+// One that is matched as it stands, one that must be rolled, one that is not matched: each gets in a batch what it gets alone.
+TEST_P(Matched, RoundsOfSearchAreEachPairsOwn) {
+  const Relief scene = parallax(1);
+  Relief rolled = scene;
+  Vector6d xi;
+  xi << 0.5, 0.2, 0.1, 0.02, 0.01, 0.5;
+  rolled.T_10 = SE3::exp(xi);
+  const Features features = random_features(scene, 120);
+  const Frame image0 = render(scene, 0);
+  const Frame targets[] = {render(scene, 1), render(rolled, 1), chequered(320, 240, 0, 1), render(scene, 1)};
+  Plan plan = plan_of(scene);
+  plan.max_pairs = 4;
+  const auto together = make_aligner(way(), plan, matching());
+  together->set_reference(0, {image0.view(), scene.camera, features, {}});
+  std::vector<Pair> pairs;
+  for (const Frame& target : targets) pairs.push_back({0, target.view(), {}, {}});
+  const auto results = together->align(pairs);
+  EXPECT_TRUE(results[0].converged()) << results[0].reason;
+  EXPECT_TRUE(results[1].converged()) << results[1].reason;
+  EXPECT_LT(pixel_error(rolled, features, results[1].T_10), 0.5);
+  EXPECT_FALSE(results[2].converged());
+  for (size_t i = 0; i < 4; ++i)
+    EXPECT_TRUE(same_bits(results[i], align_once(way(), scene, image0, targets[i], features, matching()))) << i;
 }
 
 TEST_P(Matched, UnrelatedImagesAreNotClaimed) {

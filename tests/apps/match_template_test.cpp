@@ -88,7 +88,8 @@ TEST(MatchTemplate, FindsTheSamePlaces) {
       Features one;
       one.uv = {features.uv[i]};
       one.inverse_depth = {features.inverse_depth[i]};
-      const auto found = internal::correspondences(map0, map1, one, std::span(checks).subspan(i, 1), scene.camera, 1, layout);
+      const auto found = internal::correspondences(map0, map1, one, std::span(checks).subspan(i, 1), scene.camera, 1, layout,
+                                                   internal::Rolls::all);
       const Best best = best_of(expected);
       if (checks[i] != FeatureCheck::ok || best.score < 0.9 || best.score - best.elsewhere < 0.05) continue;
       ++distinct;
