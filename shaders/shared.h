@@ -286,7 +286,7 @@ struct MatchPush {
   uint starts;           // match_pose.comp: PairInfo of a pair in the list of starts
   uint hypotheses;         // hypothesise.comp, match_pose.comp: of a pair
   uint sought;             // of `features`, at most
-  uint first_roll, rolls;  // of the reference's patches, that are looked for: the upright ones, then all for pairs still unmatched
+  uint first_roll, rolls;  // of the reference's patches: the upright ones, then all, for pairs still unmatched
 };
 
 // The best place of a feature in a tile.
