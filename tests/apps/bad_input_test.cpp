@@ -174,11 +174,15 @@ TEST_P(BadInput, AnImageOf16Pixels) {
 
 TEST_P(BadInput, AnImageOf8192Pixels) {
   // 64 Mpx of a coarse pattern; features in a file, so that the time goes into what is tested.
-  cv::Mat tile(256, 256, CV_8UC1), big;
+  cv::Mat tile(256, 256, CV_8UC1), coarse(128, 128, CV_8UC1), big;
   cv::RNG random(9);
   random.fill(tile, cv::RNG::UNIFORM, 0, 255);
   cv::GaussianBlur(tile, tile, {}, 2);
   cv::repeat(tile, 32, 32, big);
+  // What only repeats is degenerate.
+  random.fill(coarse, cv::RNG::UNIFORM, 0, 255);
+  cv::resize(coarse, coarse, big.size(), 0, 0, cv::INTER_LINEAR);
+  cv::addWeighted(big, 0.6, coarse, 0.4, 0, big);
   cv::imwrite(out_.path("big.png"), big, {cv::IMWRITE_PNG_COMPRESSION, 1});
   std::string csv = "u,v,depth\n";
   for (int i = 0; i < 100; ++i)
