@@ -32,6 +32,7 @@ struct Pair {
   ImageView target;   ///< I1
   SE3 T_10;           ///< first guess
   std::optional<PosePrior> prior;
+  bool search = true;  ///< false: begin at the guess though AlignerOptions::search is enabled
 };
 
 /// SD-6DoF-ICLK over batches of pairs. One thread at a time.

@@ -107,14 +107,15 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
   Map weight;  // the M-estimator's, of the level before
   internal::Agreement agreement;
   internal::MatchedStart matched;
-  if (match_)
+  if (match_ && pair.search)
     matched = internal::matched_start(keyframe.match, internal::match_map(grey1, *match_), keyframe.features, keyframe.checks,
                                       keyframe.camera, keyframe.mean_inverse_depth, *match_);
   const int first_level = matched.T_10 ? match_->first_level : options_.levels - 1;
-  const SE3 start = matched.T_10              ? *matched.T_10
-                    : options_.search.enabled ? internal::search_start(keyframe.levels, f1, keyframe.camera,
-                                                                       keyframe.mean_inverse_depth, pair.T_10, options_)
-                                              : pair.T_10;
+  const SE3 start =
+      matched.T_10 ? *matched.T_10
+      : options_.search.enabled && pair.search
+          ? internal::search_start(keyframe.levels, f1, keyframe.camera, keyframe.mean_inverse_depth, pair.T_10, options_)
+          : pair.T_10;
   internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, start);
   for (int level = options_.levels - 1; level >= 0; --level) {
     const Camera camera = keyframe.camera.at_level(level);

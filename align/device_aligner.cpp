@@ -219,19 +219,24 @@ std::vector<Alignment> DeviceAligner::align(std::span<const Pair> pairs) {
   return out;
 }
 
-void DeviceAligner::Impl::pack(const SE3& T_10, const std::optional<PosePrior>& prior, int reference, uint32_t index,
-                               const internal::RunBuffers& to_ids, const engine::Workspace& to) const {
-  const Slot& slot = slots[static_cast<size_t>(reference)];
+template <class AnyPair>
+void DeviceAligner::Impl::pack(const AnyPair& pair, uint32_t index, const internal::RunBuffers& to_ids,
+                               const engine::Workspace& to) const {
+  const Slot& slot = slots[static_cast<size_t>(pair.reference)];
   auto& info = to[to_ids.pairs].as<shaders::PairInfo>()[index];
-  info = internal::pack_pair(T_10, prior ? &*prior : nullptr, reference, index, slot.enough, options);
-  if (options.search.enabled) internal::pack_starts(info, index, T_10, slot.camera, options, to_ids, to);
+  info = internal::pack_pair(pair.T_10, pair.prior ? &*pair.prior : nullptr, pair.reference, index, slot.enough, options);
+  info.search = pair.search;
+  if (options.search.enabled) internal::pack_starts(info, index, pair.T_10, slot.camera, options, to_ids, to);
 }
+template void DeviceAligner::Impl::pack(const Pair&, uint32_t, const internal::RunBuffers&, const engine::Workspace&) const;
+template void DeviceAligner::Impl::pack(const DevicePair&, uint32_t, const internal::RunBuffers&,
+                                        const engine::Workspace&) const;
 
 std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair> pairs) {
   const auto n = static_cast<uint32_t>(pairs.size());
   Recorder recorder(*context, submission.begin(), arena, timer.get());
   prepare(recorder, pairs);
-  for (uint32_t i = 0; i < n; ++i) pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, i, run_ids, run);
+  for (uint32_t i = 0; i < n; ++i) pack(pairs[i], i, run_ids, run);
   const internal::Stages s = stages();
   s.align(recorder, n);
   s.read_back(recorder, n);

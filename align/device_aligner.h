@@ -35,6 +35,7 @@ struct DevicePair {
   DeviceImage target;
   SE3 T_10;
   std::optional<PosePrior> prior;
+  bool search = true;  ///< as Pair's
 };
 
 /// The Vulkan solvers: Solver::host (one evaluation a submission, the 6x6 system on the host) and Solver::device (everything in

@@ -26,7 +26,7 @@ struct DeviceAligner::Impl::HostRun {
         infos(impl.run[impl.run_ids.pairs].as<shaders::PairInfo>()) {
     for (size_t i = 0; i < pairs.size(); ++i) {
       const Slot& slot = slot_of(i);
-      m.pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, static_cast<uint32_t>(i), m.run_ids, m.run);
+      m.pack(pairs[i], static_cast<uint32_t>(i), m.run_ids, m.run);
       lm.push_back(iteration(i, pairs[i].T_10));
       out[i].features = slot.checks;
     }
@@ -99,7 +99,7 @@ struct DeviceAligner::Impl::HostRun {
       m.submission.end();
       m.submit();
       for (size_t i = 0; i < pairs.size(); ++i)
-        if (slot_of(i).enough) {
+        if (slot_of(i).enough && pairs[i].search) {
           lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));
           first_level[i] = static_cast<int>(infos[i].first_level);
           repeats[i] = infos[i].repeats;

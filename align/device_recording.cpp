@@ -176,7 +176,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   }
   for (size_t i = 0; i < pairs.size(); ++i) {
     const Impl::Slot& slot = m.slots[static_cast<size_t>(pairs[i].reference)];
-    m.pack(pairs[i].T_10, pairs[i].prior, pairs[i].reference, static_cast<uint32_t>(i), recording->run_ids, recording->run);
+    m.pack(pairs[i], static_cast<uint32_t>(i), recording->run_ids, recording->run);
     recording->taken.push_back({slot.enough, pairs[i].T_10, slot.camera, slot.mean_inverse_depth, pairs[i].prior, slot.checks});
     copy_pixels(recorder, pairs[i].target, m.plan, m.layout, m.memory[m.ids.pixels1], image_bytes * i);
   }

@@ -153,7 +153,7 @@ PairRequest parse_line(const Manifest& manifest, const ManifestLine& source) {
       fail(where, "key 'depth_scale' is " + printable(scale->dump()) + "; a positive number is needed");
     request.depth_scale = scale->get<double>();
   }
-  request.T_10 = line.pose("initial_pose").value_or(SE3());
+  request.T_10 = line.pose("initial_pose");
   request.truth = line.pose("truth");
   if (const Json* meta = line.find("meta")) request.meta = *meta;
   return request;

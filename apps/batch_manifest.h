@@ -51,7 +51,7 @@ struct PairRequest {
   PairFiles files;
   std::optional<std::string> camera, distortion;
   std::optional<double> depth_scale;
-  SE3 T_10;
+  std::optional<SE3> T_10;  ///< first guess
   std::optional<SE3> truth;
   nlohmann::ordered_json meta;  ///< null if there is none
 };

@@ -38,6 +38,7 @@ struct PairInput {
   Camera camera;
   Features features;
   SE3 T_10;                  ///< first guess
+  bool guessed = false;      ///< somebody gave it
   std::optional<SE3> truth;  ///< T_10
   bool features_from_file = false;
   double load_ms = 0, detect_ms = 0;

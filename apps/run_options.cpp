@@ -107,6 +107,7 @@ SessionOptions RunOptions::session(bool guessed) const {
   options.model = first.model;
   if (model == "auto") options.then = {stage("sd6dof-small"), stage("sd6dof")};
   options.dense = dense;
+  options.search_guessed = search != "auto";
   options.refine = !no_refine;
   options.refiner = refiner;
   options.refiner.keep_unconfirmed = options.model != nullptr;

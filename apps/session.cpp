@@ -149,7 +149,10 @@ std::vector<RefinedAlignment> Session::run(std::span<const PairInput> pairs) {
     std::vector<cv::Mat> inverse;
     std::vector<CascadePair> work;
     for (const PairInput& pair : batch) {
-      work.push_back({{view(pair.image_0), pair.camera, pair.features, {}}, view(pair.image_1), pair.T_10});
+      work.push_back({{view(pair.image_0), pair.camera, pair.features, {}},
+                      view(pair.image_1),
+                      pair.T_10,
+                      options_.search_guessed || !pair.guessed});
       if (!options_.dense) continue;
       inverse.push_back(inverse_depth_of(pair));
       work.back().reference.inverse_depth = view(inverse.back());

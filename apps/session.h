@@ -30,6 +30,7 @@ struct SessionOptions {
   std::shared_ptr<const Model> model;  ///< null: the classical mode
   std::vector<ModelStage> then;        ///< models that get the pairs which those before did not settle
   bool dense = false;                  ///< every pixel with depth instead of patches; needs a depth image
+  bool search_guessed = false;         ///< search, where it is enabled, for pairs with a first guess too
   bool refine = true;
   RefinerOptions refiner;                       ///< keep_unconfirmed is each model's own: with a learned one
   int max_pairs = 1;                            ///< in one batch on the device

@@ -14,7 +14,8 @@ namespace iclk {
 struct CascadePair {
   Reference reference;
   ImageView target;
-  SE3 T_10;  ///< first guess
+  SE3 T_10;            ///< first guess
+  bool search = true;  ///< Pair::search
 };
 
 /// The cheapest answer that can be believed: every pair begins with the first model, and what does not end in

@@ -31,6 +31,7 @@ void keep(uint from, uint pair, uint place) {
     kept[to].target = pair;
     kept[to].enabled = usable ? starts[start].enabled : 0u;
     kept[to].has_prior = 0u;
+    kept[to].search = 1u;
     kept[to].matched = 0u;
     kept[to].repeats = 0.0;
     kept[to].first_level = starts[start].first_level;

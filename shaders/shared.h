@@ -127,6 +127,7 @@ struct PairInfo {
   uint enabled;  // 0: nothing is computed for this pair
   uint has_prior;
   uint target;       // whose maps
+  uint search;       // 0: begins at its guess
   uint first_level;  // takes no steps at coarser levels
   uint matched;      // a start was found by matching
   float repeats;     // share of the features that look the same elsewhere in the target; 0 where nobody looked

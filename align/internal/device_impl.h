@@ -62,9 +62,9 @@ struct DeviceAligner::Impl {
   void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
   /// Both images of every pair, ready to be aligned.
   void prepare(engine::Recorder& recorder, std::span<const Pair> pairs);
-  /// Writes pair `index` of a run, its starts included where there is a search.
-  void pack(const SE3& T_10, const std::optional<PosePrior>& prior, int reference, uint32_t index,
-            const internal::RunBuffers& to_ids, const engine::Workspace& to) const;
+  /// Writes pair `index` of a run, a Pair or DevicePair, its starts included where there is a search.
+  template <class AnyPair>
+  void pack(const AnyPair& pair, uint32_t index, const internal::RunBuffers& to_ids, const engine::Workspace& to) const;
   std::vector<Alignment> align_on_device(std::span<const Pair> pairs);
   std::vector<Alignment> align_on_host(std::span<const Pair> pairs);
   void submit();

@@ -14,6 +14,7 @@ void pack_starts(const shaders::PairInfo& pair, uint32_t index, const SE3& T_10,
   auto* starts = run[*ids.starts].as<shaders::PairInfo>() + static_cast<size_t>(index) * poses.size();
   for (const SE3& pose : poses) {
     *starts = pair;
+    starts->enabled = pair.enabled && pair.search;
     starts->has_prior = 0;
     starts->gain = 1;
     starts->bias = 0;

@@ -248,6 +248,39 @@ TEST_P(Matched, RoundsOfSearchAreEachPairsOwn) {
     EXPECT_TRUE(same_bits(results[i], align_once(way(), scene, image0, targets[i], features, matching()))) << i;
 }
 
+// Beside a pair that is searched for, one that begins where its guess says, and is none the less for repeated texture.
+TEST_P(Matched, APairMayBeginAtItsGuess) {
+  const Relief scene = parallax(1);
+  const Features features = random_features(scene, 120);
+  const Frame image0 = render(scene, 0), image1 = render(scene, 1), wall0 = chequered(320, 240, 0, 1),
+              wall1 = chequered(320, 240, 3, 2);
+  Relief flat = scene;
+  flat.depth_amplitude = 0;
+  const Features on_wall = random_features(flat, 120);
+  Plan plan = plan_of(scene);
+  plan.max_references = 2, plan.max_pairs = 4;
+  const auto aligner = make_aligner(way(), plan, matching());
+  aligner->set_reference(0, {image0.view(), scene.camera, features, {}});
+  aligner->set_reference(1, {wall0.view(), scene.camera, on_wall, {}});
+  SE3 near = scene.T_10;
+  near.t.x() += 0.02;
+  const Pair pairs[] = {{0, image1.view(), {}, {}},
+                        {0, image1.view(), near, {}, false},
+                        {1, wall1.view(), {}, {}, false},
+                        {1, wall1.view(), {}, {}}};
+  const auto results = aligner->align(pairs);
+  ASSERT_TRUE(results[0].converged()) << results[0].reason;
+  EXPECT_TRUE(results[0].levels[0].iterations.empty()) << "matched";
+  EXPECT_FALSE(results[1].levels[0].iterations.empty()) << "not matched: it begins at the coarsest level";
+  EXPECT_TRUE(same_bits(results[1], [&] {
+    AlignerOptions options = matching();
+    options.search.enabled = false;
+    return align_once(way(), scene, image0, image1, features, options, near);
+  }()));
+  EXPECT_TRUE(results[2].converged()) << results[2].reason;
+  EXPECT_EQ(results[3].status, Status::degenerate) << results[3].reason;
+}
+
 TEST_P(Matched, UnrelatedImagesAreNotClaimed) {
   for (uint32_t seed = 1; seed <= 6; ++seed) {
     const Relief scene = parallax(seed);

@@ -29,7 +29,7 @@ DecodedPair decode(const Manifest& manifest, const ManifestLine& line) {
   input.camera = load_camera(request.camera.value());
   DecodedPair item;
   item.pair = PairLoader(input).load(request.files);
-  item.pair.T_10 = request.T_10;
+  item.pair.T_10 = request.T_10.value_or(SE3());
   item.pair.truth = request.truth;
   return item;
 }

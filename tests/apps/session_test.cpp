@@ -201,6 +201,20 @@ TEST(Session, BatchesGiveWhatSinglesGive) {
   for (size_t i = 0; i < 3; ++i) EXPECT_EQ(results[i].T_10.matrix(), single.run(pairs[i]).T_10.matrix()) << i;
 }
 
+TEST(Session, NothingIsSearchedWhereAGuessWasGiven) {
+  PairInput plain = scene_input(), guessed = plain;
+  guessed.T_10 = *plain.truth;
+  guessed.T_10.t.x() += 0.01;
+  guessed.guessed = true;
+  SessionOptions options = cpu_options(), off = cpu_options();
+  options.aligner.search.enabled = true;
+  off.aligner.search.enabled = false;
+  const auto pose = [](SessionOptions o, const PairInput& pair) { return Session(o).run(pair).iclk.T_10.matrix(); };
+  EXPECT_EQ(pose(options, guessed), pose(off, guessed));
+  options.search_guessed = true;
+  EXPECT_NE(pose(options, guessed), pose(off, guessed));
+}
+
 TEST(Session, DeepAndGreyImages) {
   for (const int depth : {CV_16U, CV_32F}) {
     PairInput pair = scene_input();
