@@ -59,8 +59,9 @@ struct FeatureAlignmentOptions {
   double max_motion = 8;
   double min_correlation = 0.85;
   /// Smaller eigenvalue of the patch's 2x2 gradient matrix with gain and bias projected out, per pixel: (grey / px)^2, grey in
-  /// [0, 1].
-  double min_texture = 2e-5;
+  /// [0, 1]. The default is six times what rounding to 8 bits puts there; five times as much left features out of images of low
+  /// contrast that could be aligned.
+  double min_texture = 4e-6;
   CoarseStart coarse_start = CoarseStart::retry;
   /// After its first round a Refiner looks at a target with colours in the grey values that fit the reference's (recolour.h).
   bool recolour = true;
