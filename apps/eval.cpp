@@ -6,6 +6,7 @@
 #include "apps/batch_loaders.h"
 #include "apps/batch_progress.h"
 #include "apps/command.h"
+#include "apps/eval_export.h"
 #include "apps/eval_pictures.h"
 #include "apps/eval_report.h"
 #include "apps/io/images.h"
@@ -22,6 +23,8 @@ struct EvalCommand {
   LoadOptions load;
   RunOptions run;
   EvalOptions eval;
+  std::string export_to;
+  std::vector<std::string> peer_results;
   bool json = false;
 };
 
@@ -45,6 +48,9 @@ const char* const kFooter =
     "  iclk eval set --baselines --out report\n"
     "  iclk eval set --appearance clean,jitter:0.4,severe --variants 2 --solver device --out report\n"
     "  iclk eval set/pairs.jsonl --model model.safetensors --appearance jitter:0.4 --variants 1 --apply both --seed 1\n"
+    "  iclk eval set --appearance severe --variants 1 --export pairs         # for another program; its poses go to "
+    "other.jsonl\n"
+    "  iclk eval set --appearance severe --variants 1 --peer-results other=other.jsonl\n"
     "  iclk eval set --sweep noise,shadow --strengths 0.5,1 --variants 1 --out report\n"
     "\n";
 
@@ -88,6 +94,7 @@ void run(EvalCommand& command, int& exit) {
   options.check();
   command.load.features.seed = options.seed;
   const LoaderCache loaders(command.load);
+  for (const std::string& argument : command.peer_results) options.others.emplace_back(argument);
   const Manifest manifest = read_eval_set(command.set);
   if (!command.out.empty()) make_output_folder(command.out);
 
@@ -98,16 +105,24 @@ void run(EvalCommand& command, int& exit) {
                             const PairFiles files{request.files.target, request.files.target, file, ""};
                             return loaders.loader(request)->load(files).depth_0;
                           }};
-  const EvalReport report = run_eval(manifest, loader, session, options, [&](int done, int total) {
+  const EvalProgress show = [&](int done, int total) {
     bar.show({total, 0, done, 0, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
-  });
+  };
+  exit = kConverged;
+  if (!command.export_to.empty()) {
+    make_output_folder(command.export_to);
+    export_eval(manifest, loader, options, command.export_to, show);
+    bar.clear();
+    print("written    " + command.export_to + "/pairs.jsonl and its images\n");
+    return;
+  }
+  const EvalReport report = run_eval(manifest, loader, session, options, show);
   bar.clear();
 
   const std::string json = to_json(report).dump(2, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";
   if (!command.out.empty()) write_eval(command.out, report, json);
   print(command.json ? json : to_table(report));
   if (!command.json && !command.out.empty()) print("written    eval.json, tables and pictures in " + command.out + "\n");
-  exit = kConverged;
 }
 
 }  // namespace
@@ -134,12 +149,24 @@ void add_eval(CLI::App& app, int& exit) {
   command->add_flag("--baselines", o->eval.baselines,
                     "Also the paper's classical 6DoF-ICLK, with a model our classical mode, KLT, SIFT and ORB with PnP, and\n"
                     "RgbdOdometry where meta.target_depth names the depth of the target; on the same features");
+  command
+      ->add_option("--peer-results", o->peer_results,
+                   "A method that ran elsewhere, a row of every table: {\"id\", \"T_10\", \"claimed\"} a line, or what\n"
+                   "`iclk batch` writes; may be repeated")
+      ->type_name("NAME=FILE")
+      ->allow_extra_args(false);
   command->add_option("--max-pairs", o->eval.max_pairs, "The first so many pairs; 0: all")->capture_default_str();
   command->add_option("--batch", o->eval.batch, "Pairs on the device at a time; default 8, with a model 2, with --solver cpu 1")
       ->check(CLI::Range(1, 4096));
   o->eval.batch = 0;
   command->option_defaults()->group("Output");
   command->add_option("--out", o->out, "Folder for tables and pictures")->check(not_empty)->type_name("DIR");
+  command
+      ->add_option("--export", o->export_to,
+                   "Align nothing: write the pairs, changed, as a manifest and images for other programs")
+      ->check(not_empty)
+      ->type_name("DIR")
+      ->excludes("--out");
   command->add_flag("--json", o->json, "eval.json on standard output, and nothing else there");
   command->add_option("--figure", o->eval.figure, "id of the pair to draw; default: the one in the middle of the set");
   command->option_defaults()->group("Input");

@@ -45,7 +45,7 @@ std::string spread_cells(const Spread3& s) {
 }
 
 std::string stage_line(const StageRow& row, bool with_paper) {
-  std::string out = formatted("%-18s %6d |", row.stage.c_str(), row.ran);
+  std::string out = formatted("%-20s %6d |", row.stage.c_str(), row.ran);
   out += spread_cells(row.e_pixel) + spread_cells(row.e_transl) + spread_cells(row.e_rot);
   out += formatted(" %6s %6s |", percent(row.within_1px).c_str(), percent(row.within_3px).c_str());
   const auto paper = kPaper.find(row.stage);
@@ -55,9 +55,9 @@ std::string stage_line(const StageRow& row, bool with_paper) {
 }
 
 std::string block_table(const EvalBlock& block) {
-  std::string out = formatted("%-18s %6s | %-26s | %-26s | %-26s | %-13s | %s\n", "", "", "error [px]", "translation [m]",
+  std::string out = formatted("%-20s %6s | %-26s | %-26s | %-26s | %-13s | %s\n", "", "", "error [px]", "translation [m]",
                               "rotation [rad]", "share [%]", "paper, mean");
-  out += formatted("%-18s %6s |", "stage", "ran");
+  out += formatted("%-20s %6s |", "stage", "ran");
   for (int i = 0; i < 3; ++i) out += formatted(" %8s %8s %8s |", "mean", "median", "95 %");
   out += formatted(" %6s %6s | %6s %6s %7s\n", "< 1 px", "< 3 px", "px", "m", "rad");
   for (const MethodSamples& method : block.methods) {
@@ -65,12 +65,12 @@ std::string block_table(const EvalBlock& block) {
     const bool first = &method == &block.methods.front();
     for (size_t i = first ? 0 : 1; i < rows.size(); ++i) out += stage_line(rows[i], first);
   }
-  out += formatted("\n%-18s %6s %7s %7s %7s | %9s %7s %7s %7s | %9s\n", "", "claims", "wrong", "share", "px", "with cov.",
+  out += formatted("\n%-20s %6s %7s %7s %7s | %9s %7s %7s %7s | %9s\n", "", "claims", "wrong", "share", "px", "with cov.",
                    "NEES", "median", "in 95 %", "ms");
   for (const MethodSamples& method : block.methods) {
     const ClaimRow c = claim_row(method.samples);
     const double wrong = c.claimed > 0 ? static_cast<double>(c.wrong) / c.claimed : NAN;
-    out += formatted("%-18s %6d %7d %6s%% %7s |", method.method.c_str(), c.claimed, c.wrong, percent(wrong).c_str(),
+    out += formatted("%-20s %6d %7d %6s%% %7s |", method.method.c_str(), c.claimed, c.wrong, percent(wrong).c_str(),
                      cell(c.e_pixel).c_str());
     if (c.with_covariance > 0)
       out += formatted(" %9d %7s %7s %6s%% |", c.with_covariance, cell(c.nees).c_str(), cell(c.nees_median).c_str(),
@@ -84,13 +84,13 @@ std::string block_table(const EvalBlock& block) {
 
 /// Many appearances: what is left in the end.
 std::string short_table(const EvalReport& report) {
-  std::string out = formatted("%-18s %-18s | %8s %8s %8s | %6s %6s | %6s %6s\n", "appearance", "method", "px, mean", "median",
+  std::string out = formatted("%-20s %-20s | %8s %8s %8s | %6s %6s | %6s %6s\n", "appearance", "method", "px, mean", "median",
                               "95 %", "< 1 px", "< 3 px", "claims", "wrong");
   for (const EvalBlock& block : report.blocks)
     for (const MethodSamples& method : block.methods) {
       const StageRow row = stage_rows(method.samples).back();
       const ClaimRow c = claim_row(method.samples);
-      out += formatted("%-18s %-18s |", to_text(block.appearance).c_str(), method.method.c_str()) + spread_cells(row.e_pixel);
+      out += formatted("%-20s %-20s |", to_text(block.appearance).c_str(), method.method.c_str()) + spread_cells(row.e_pixel);
       out += formatted(" %6s %6s | %6d %6d\n", percent(row.within_1px).c_str(), percent(row.within_3px).c_str(), c.claimed,
                        c.wrong);
     }

@@ -11,6 +11,7 @@
 
 #include "apps/any_aligner.h"
 #include "apps/bench_measure.h"
+#include "apps/eval_export.h"
 #include "apps/io/text.h"
 #include "apps/peers_methods.h"
 #include "apps/report.h"
@@ -65,6 +66,19 @@ EvalSample begin_sample(const std::string& id, int variant, const PairInput& pai
   return sample;
 }
 
+/// Of a method without stages.
+void finish_sample(EvalSample& sample, const std::string& method, const PeerAnswer& answer, const PairInput& pair) {
+  StageError stage{method, sample.start, false};
+  const PoseError error = pose_error(pair.camera, pair.features, answer.T_10, *pair.truth);
+  if (answer.has_pose && std::isfinite(error.e_pixel)) {
+    sample.found = stage.ran = true;
+    stage.error = error;
+  }
+  sample.claimed = answer.claimed && sample.found;
+  sample.status = !sample.found ? "no pose" : sample.claimed ? "claimed" : "refused";
+  sample.stages.push_back(std::move(stage));
+}
+
 std::vector<std::string> stage_names(const SessionOptions& session) {
   std::vector<std::string> names = {"iclk"};
   if (session.refine) names.insert(names.end(), {"feature_alignment", "pose"});
@@ -93,17 +107,6 @@ PeerPair peer_pair(const PairInput& pair, const cv::Mat& target_depth) {
   return out;
 }
 
-PairInput change_pair(const PairInput& pair, const AppearanceSpec& spec, const EvalOptions& options, const std::string& id,
-                      int variant) {
-  PairInput out = pair;
-  const auto change = [&](cv::Mat& image, Side side) {
-    image = changed_image(image, draw_changes(spec, appearance_seed(options.seed, id, variant, side)));
-  };
-  if (options.apply != ApplyTo::target) change(out.image_0, Side::reference);
-  if (options.apply != ApplyTo::reference) change(out.image_1, Side::target);
-  return out;
-}
-
 /// The session's classical defaults, and the paper's classical 6DoF-ICLK.
 IclkSettings classical(const Session& session, bool paper) {
   IclkSettings settings{session.context(), session.options().solver, {}, nullptr, {}};
@@ -129,6 +132,7 @@ class Evaluation {
       EvalBlock& block = report_.blocks.emplace_back(EvalBlock{spec, {}});
       block.methods.push_back({report_.model == "classical" ? "iclk" : report_.model, {}});
       for (const auto& method : baselines_) block.methods.push_back({method->name(), {}});
+      for (const ForeignPoses& other : options_.others) block.methods.push_back({other.name(), {}});
     }
   }
 
@@ -141,6 +145,7 @@ class Evaluation {
           pairs.push_back(change_pair(work.pair, block.appearance, options_, work.line->id, variant));
         run_iclk(block, group, pairs, variant);
         for (size_t i = 0; i < group.size() && !baselines_.empty(); ++i) run_baselines(block, group[i], pairs[i], variant);
+        for (size_t i = 0; i < group.size(); ++i) add_others(block, group[i].line->id, pairs[i], variant);
         done(static_cast<int>(group.size()));
       }
   }
@@ -204,16 +209,20 @@ class Evaluation {
       const Stopwatch watch;
       if (m != odometry_ || (!peer.depth_1.empty() && !peer.depth_0.empty())) answer = baselines_[m]->run(peer);
       sample.ms = watch.wall_ms();
-      StageError stage{baselines_[m]->name(), sample.start, false};
-      const PoseError error = pose_error(pair.camera, pair.features, answer.T_10, *pair.truth);
-      if (answer.has_pose && std::isfinite(error.e_pixel)) {
-        sample.found = stage.ran = true;
-        stage.error = error;
-      }
-      sample.claimed = answer.claimed && sample.found;
-      sample.status = !sample.found ? "no pose" : sample.claimed ? "claimed" : "refused";
-      sample.stages.push_back(std::move(stage));
+      finish_sample(sample, baselines_[m]->name(), answer, pair);
       block.methods[m + 1].samples.push_back(std::move(sample));
+    }
+  }
+
+  void add_others(EvalBlock& block, const std::string& id, const PairInput& pair, int variant) {
+    const size_t first = block.methods.size() - options_.others.size();
+    for (size_t k = 0; k < options_.others.size(); ++k) {
+      const ForeignPoses& other = options_.others[k];
+      const ForeignPoses::Pose& pose = other.of(exported_id(id, block.appearance, variant));
+      EvalSample sample = begin_sample(id, variant, pair);
+      finish_sample(sample, other.name(), {pose.has_pose, pose.claimed, pose.T_10}, pair);
+      sample.ms = pose.ms;
+      block.methods[first + k].samples.push_back(std::move(sample));
     }
   }
 

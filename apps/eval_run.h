@@ -6,6 +6,7 @@
 #include "apps/appearance_draw.h"
 #include "apps/batch_pool.h"
 #include "apps/eval_metrics.h"
+#include "apps/foreign_poses.h"
 #include "apps/session.h"
 
 namespace iclk {
@@ -21,9 +22,10 @@ struct EvalOptions {
   ApplyTo apply = ApplyTo::target;
   uint64_t seed = 0;
   bool baselines = false;
-  int batch = 8;       ///< pairs on the device at a time
-  int max_pairs = 0;   ///< the first so many lines; 0: all
-  std::string figure;  ///< id of the pair to draw; empty: the one in the middle of the set
+  int batch = 8;                     ///< pairs on the device at a time
+  int max_pairs = 0;                 ///< the first so many lines; 0: all
+  std::string figure;                ///< id of the pair to draw; empty: the one in the middle of the set
+  std::vector<ForeignPoses> others;  ///< rows of methods that ran elsewhere
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
@@ -37,7 +39,7 @@ struct MethodSamples {
 
 struct EvalBlock {
   AppearanceSpec appearance;
-  std::vector<MethodSamples> methods;  ///< what was asked for first, then the baselines
+  std::vector<MethodSamples> methods;  ///< what was asked for first, then the baselines, then the others
 };
 
 /// One pair with what became of it, to be drawn.

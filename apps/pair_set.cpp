@@ -16,6 +16,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/io/output.h"
 #include "apps/io/text.h"
@@ -36,13 +37,6 @@ std::string id_of(uint64_t index) {
   return text;
 }
 
-Json matrix(const SE3& T) {
-  Json rows = Json::array();
-  const Eigen::Matrix4d M = T.matrix();
-  for (int r = 0; r < 4; ++r) rows.push_back({M(r, 0), M(r, 1), M(r, 2), M(r, 3)});
-  return rows;
-}
-
 /// Throws if the two differ in any key, with the first.
 void compare_options(const std::string& path, const Json& old, const Json& now) {
   for (const Json* both : {&old, &now})
@@ -53,16 +47,6 @@ void compare_options(const std::string& path, const Json& old, const Json& now) 
         refuse(path + " was begun with " + name + " " + shown(a, old) + ", now it is " + shown(b, now) +
                ": give the same to continue, or another --out");
     }
-}
-
-std::string features_csv(const Features& features) {
-  std::string text = "u,v,depth\n";
-  for (size_t i = 0; i < features.uv.size(); ++i) {
-    char line[96];
-    std::snprintf(line, sizeof line, "%.9g,%.9g,%.9g\n", features.uv[i].x(), features.uv[i].y(), 1 / features.inverse_depth[i]);
-    text += line;
-  }
-  return text;
 }
 
 }  // namespace
@@ -145,11 +129,11 @@ void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera
                {"depth", depth},
                {"features", points},
                {"camera", {camera.fx, camera.fy, camera.cx, camera.cy}},
-               {"truth", matrix(pair.T_10)},
+               {"truth", pose_json(pair.T_10)},
                {"meta",
                 {{"index", index},
-                 {"T_W0", matrix(pair.T_W0)},
-                 {"T_W1", matrix(pair.T_W1)},
+                 {"T_W0", pose_json(pair.T_W0)},
+                 {"T_W1", pose_json(pair.T_W1)},
                  {"altitude", pair.altitude},
                  {"features", features.size()},
                  {"start", {{"e_pixel", start.e_pixel}, {"e_transl", start.e_transl}, {"e_rot", start.e_rot}}}}}};
@@ -163,6 +147,13 @@ void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera
   if (::write(file_, text.data(), text.size()) != static_cast<ssize_t>(text.size()) || ::fdatasync(file_) != 0)
     throw Error(ErrorCode::io, "cannot write " + manifest() + ": " + std::strerror(errno));
   lines_.emplace(index, std::move(line));
+}
+
+nlohmann::ordered_json pose_json(const SE3& T) {
+  Json rows = Json::array();
+  const Eigen::Matrix4d M = T.matrix();
+  for (int r = 0; r < 4; ++r) rows.push_back({M(r, 0), M(r, 1), M(r, 2), M(r, 3)});
+  return rows;
 }
 
 PoseError start_error(const Camera& camera, const Features& features, const SE3& T_10) {

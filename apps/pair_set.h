@@ -55,6 +55,9 @@ class PairSet {
   std::map<uint64_t, nlohmann::ordered_json> lines_;
 };
 
+/// A pose as manifests have it: 4x4 nested lists.
+nlohmann::ordered_json pose_json(const SE3& T);
+
 /// How far a pair's start, no motion, is from its truth.
 PoseError start_error(const Camera& camera, const Features& features, const SE3& T_10);
 

@@ -58,15 +58,15 @@ std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool 
 /// `threads`: of OpenCV while it runs; 0: OpenCV's own choice.
 std::unique_ptr<PeerMethod> make_rgbd_odometry(int threads = 0);
 
-/// The same features, tracked by cv::calcOpticalFlowPyrLK (21x21 windows, four levels), and cv::solvePnPRansac (2 px, 200
-/// tries).
+/// The same features, tracked by cv::calcOpticalFlowPyrLK (21x21 windows, four levels) there and back to 1 px, and
+/// cv::solvePnPRansac (MAGSAC++, 2 px, 2000 tries) with cv::solvePnPRefineLM on its inliers, of which a claim needs eight.
 std::unique_ptr<PeerMethod> make_klt_pnp();
 
-/// cv::SIFT in both images, brute-force matches that pass the ratio test 0.75, depth of image 0 there, and the same
-/// solvePnPRansac.
+/// cv::SIFT in both images (4000 points at most), brute-force matches that pass the ratio test 0.8, depth of image 0 there,
+/// and the same PnP.
 std::unique_ptr<PeerMethod> make_sift_pnp();
 
-/// The same with cv::ORB (1000 features) and Hamming distances.
+/// The same with cv::ORB (4000 points) and Hamming distances.
 std::unique_ptr<PeerMethod> make_orb_pnp();
 
 }  // namespace iclk

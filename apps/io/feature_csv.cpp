@@ -73,4 +73,14 @@ Features load_features(const std::string& path) {
   return features;
 }
 
+std::string features_csv(const Features& features) {
+  std::string text = "u,v,depth\n";
+  for (size_t i = 0; i < features.uv.size(); ++i) {
+    char line[96];
+    std::snprintf(line, sizeof line, "%.9g,%.9g,%.9g\n", features.uv[i].x(), features.uv[i].y(), 1 / features.inverse_depth[i]);
+    text += line;
+  }
+  return text;
+}
+
 }  // namespace iclk

@@ -11,4 +11,7 @@ namespace iclk {
 /// Throws Error(io) for an unreadable file, Error(invalid_argument) "<file>:<line>: ..." otherwise.
 Features load_features(const std::string& path);
 
+/// The text of such a file: u,v,depth.
+std::string features_csv(const Features& features);
+
 }  // namespace iclk
