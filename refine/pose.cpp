@@ -7,7 +7,7 @@
 #include <Eigen/Eigenvalues>
 
 #include <iclk/refine/internal/options_check.h>
-#include <iclk/refine/internal/reprojection.h>
+#include <iclk/refine/internal/uncertainty.h>
 
 namespace iclk {
 namespace {
@@ -27,6 +27,7 @@ void PoseOptions::check() const {
   check_range("pose min_sigma", min_sigma, 1e-6, 1e3);
   check_range("pose sigma", sigma, min_sigma, max_sigma);
   check_range("pose max_sigma", max_sigma, min_sigma, 1e3);
+  check_range("pose max_depth_sigma", max_depth_sigma, 0, 10);
   check_range("pose iterations", iterations, 1, 10000);
   check_range("pose min_features", min_features, 4, 1e6);
   check_range("pose inlier_distance", inlier_distance, 1e-3, 1e3);
@@ -81,6 +82,7 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
   result.T_10 = T_10;
   result.used = static_cast<int>(used.size());
   result.floor = options.sigma;
+  internal::whiten(camera, used, T_10, {options.sigma, 0});
   double scale = options.cauchy_scale * options.sigma;
   const auto cost_at = [&](const SE3& T) { return internal::cauchy_cost(internal::residual_norms(camera, used, T), scale); };
   result.initial_cost = result.cost = cost_at(T_10);
@@ -97,9 +99,11 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
       summary.IsSolutionUsable() && first.R.allFinite() && first.t.allFinite()) {
     result.T_10 = first;
     result.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
-    result.floor = internal::floor_of(camera, used, result.T_10, options.inlier_distance, options.min_sigma, options.max_sigma);
+    const internal::PositionErrors errors = internal::position_errors(camera, used, result.T_10, options);
+    result.floor = errors.floor;
+    result.depth_sigma = errors.relative_depth;
     scale = options.cauchy_scale * result.floor;
-    internal::whiten(used, result.floor);
+    internal::whiten(camera, used, result.T_10, errors);
     result.initial_cost = cost_at(T_10);
   }
   Problem last(camera, used, result.T_10, scale);
@@ -129,7 +133,10 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
   }
   Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
   covariance.GetCovarianceBlockInTangentSpace(last.pose.data(), last.pose.data(), C.data());
-  result.covariance = C * internal::variance_factor(norms, scale, 6);
+  const internal::SharedErrors shared = internal::shared_errors(camera, used, result.T_10, scale, result.depth_sigma);
+  result.calibration_sigma = shared.calibration;
+  result.shared = shared.covariance;
+  result.covariance = C * internal::variance_factor(norms, scale, 6) + shared.covariance;
   return result;
 }
 

@@ -123,7 +123,7 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   const double variance = sigma_0 * sigma_0;
   Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
   covariance.GetCovarianceBlockInTangentSpace(pose.data(), pose.data(), C.data());
-  p.covariance = variance * C;
+  p.covariance = variance * C + pose_only.shared;
   for (const internal::Observation& o : used) {
     double c = 0;
     covariance.GetCovarianceBlock(&o.q, &o.q, &c);

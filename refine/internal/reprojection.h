@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -56,20 +57,17 @@ struct Observation {
   int feature = 0;
   Eigen::Vector2d uv0, uv1;
   double q = 0;
+  double depth_sigma = 0;  ///< relative, of q; 0: the feature has none
   Eigen::Matrix2d covariance, W;
 };
 
-/// Aligned features in front of camera 1. Throws Error(invalid_argument) for lengths that differ and a pose that is not finite.
+/// px, not whitened; none where the point is behind the camera.
+std::optional<Eigen::Vector2d> residual(const Camera& camera, const Observation& o, const SE3& T_10);
+
+/// Aligned features in front of camera 1, whitened without regard to their depths. Throws Error(invalid_argument) for lengths
+/// that differ and a pose that is not finite.
 std::vector<Observation> observations(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10, double sigma_0);
-/// Sets W anew.
-void whiten(std::span<Observation> observations, double sigma_0);
-
-/// sigma_0 in [least, most] for which the observations within `distance` px of T_10 agree with their covariances: the median of
-/// r^T (covariance + sigma_0^2 I)^-1 r is 2 ln 2, as of two Gaussian components, less what six parameters have taken.
-double floor_of(const Camera& camera, std::span<const Observation> observations, const SE3& T_10, double distance, double least,
-                double most);
-
 /// Residuals of the observations at T_10, whitened; a point behind the camera is infinitely far off.
 std::vector<double> residual_norms(const Camera& camera, std::span<const Observation> observations, const SE3& T_10);
 
@@ -85,8 +83,8 @@ double variance_factor(std::span<const double> norms, double scale, int paramete
 
 ceres::Solver::Options solver_options(int iterations);
 
-/// used, inliers, cost and status from the residuals at the final pose; true if the pose may be called converged. `scale`: of
-/// the Cauchy loss, px.
+/// used, inliers, cost and status from the residuals at the final pose; true if that is one to state a covariance of. `scale`:
+/// of the Cauchy loss, px.
 bool judge(std::span<const Observation> observations, const Camera& camera, const ceres::Solver::Summary& summary,
            const PoseOptions& options, double scale, PoseResult& result);
 
