@@ -17,6 +17,7 @@
 #include "apps/metrics.h"
 #include "apps/report.h"
 #include "apps/run_options.h"
+#include "apps/version.h"
 
 namespace iclk {
 namespace {
@@ -29,7 +30,8 @@ struct BatchOptions {
   RunOptions run;
   int batch = 0, threads = 0;
   size_t memory = 1024;
-  bool retry = false, with_features = false;
+  std::string retry = "none";
+  bool with_features = false;
 };
 
 const char* const kFooter =
@@ -49,13 +51,15 @@ const char* const kFooter =
     "and\n"
     "the reason; the others go on.\n"
     "Run the same command again to continue after Ctrl-C, a kill or a full disk: pairs with a result are skipped, a\n"
-    "half-written last line is done again. Results of another manifest, of lines that changed or of other options are\n"
-    "refused. Lines may be added.\n"
+    "half-written last line is done again. Lines may be added. Results are refused that would be other ones today: of another\n"
+    "manifest, of lines that changed, of files of another size or time, of another camera, other options, another model or\n"
+    "another iclk; --retry changed makes just those again.\n"
     "Poses do not depend on --batch, --threads, --memory or --shard.\n"
     "\n"
     "Examples:\n"
     "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl\n"
     "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry           # after mending what was broken\n"
+    "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry changed   # after calibrating anew\n"
     "  iclk batch pairs.jsonl --camera camera.txt --out results.0.jsonl --shard 0/4     # one of four machines\n"
     "  iclk batch pairs.jsonl --camera 517.3,516.5,318.6,255.3 --depth-scale 5000 --batch 64 --out all.jsonl\n"
     "\n"
@@ -144,6 +148,12 @@ class PairAligner {
   bool with_features_;
 };
 
+ResultsJournal::Retry parse_retry(const std::string& text) {
+  return text == "changed" ? ResultsJournal::Retry::changed
+         : text == "none"  ? ResultsJournal::Retry::none
+                           : ResultsJournal::Retry::failed;
+}
+
 /// What the results depend on, as the command line or the defaults say it; a model by what is in it.
 Json effective_options(const CLI::App& command, const SessionOptions& session) {
   const std::vector<std::string> free = {"--help",   "MANIFEST", "--out",   "--batch",         "--threads",
@@ -178,9 +188,14 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   const Manifest manifest = read_manifest(options.manifest);
 
   Tally tally;
-  ResultsJournal journal(options.out, manifest, {effective_options(command, session_options), ICLK_VERSION, options.retry},
+  const auto inputs = [&](const ManifestLine& line) { return loaders.inputs(manifest, line); };
+  ResultsJournal journal(options.out, manifest,
+                         {effective_options(command, session_options), version(), parse_retry(options.retry), inputs},
                          [&](const Json& head) { tally.add(head); });
   const int before = tally.total();
+  if (journal.dropped() > 0)
+    spdlog::info("{} of {} results are made again, as --retry {} asks", journal.dropped(), journal.dropped() + before,
+                 options.retry);
   BatchWork work;
   int in_shard = 0;
   for (size_t i = shard.k; i < manifest.lines.size(); i += static_cast<size_t>(shard.n)) {
@@ -204,6 +219,7 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
     report_device(aligner.session());
     ProgressBar bar;
     work.decode = [&](const ManifestLine& line) { return loaders.load(manifest, line); };
+    work.inputs = inputs;
     work.align = [&](std::span<const PairInput> pairs) { return aligner(pairs); };
     work.stop = [] { return g_signal != 0; };
     int warnings = 0;
@@ -280,7 +296,14 @@ void add_batch(CLI::App& app, int& exit) {
           return std::string(e.what());
         }
       });
-  command->add_flag("--retry", options->retry, "Run pairs again whose result is an error");
+  command
+      ->add_option("--retry", options->retry,
+                   "Run pairs again: failed (or no word), those whose result is an error; changed, those whose files, camera, "
+                   "options, model or iclk are others now")
+      ->expected(0, 1)
+      ->default_str("failed")
+      ->check(CLI::IsMember({"failed", "changed"}))
+      ->type_name("[failed|changed]");
   command->add_flag("--with-features", options->with_features,
                     "Keep the list of features in the results: about 100 bytes a feature");
   options->load.add_to(*command, false);

@@ -33,11 +33,22 @@ std::shared_ptr<const PairLoader> LoaderCache::loader(const PairRequest& request
   return loaders_.emplace(key, std::move(loader)).first->second;
 }
 
+LineInputs LoaderCache::inputs(const Manifest& manifest, const ManifestLine& line) const {
+  try {
+    const PairRequest request = parse_line(manifest, line);
+    return line_inputs(request, loader(request)->options());
+  } catch (const Error&) {
+    return {};  // load() says why
+  }
+}
+
 DecodedPair LoaderCache::load(const Manifest& manifest, const ManifestLine& line) const {
   const PairRequest request = parse_line(manifest, line);
   DecodedPair item;
   try {
-    item.pair = loader(request)->load(request.files);
+    const auto loader = this->loader(request);
+    item.inputs = line_inputs(request, loader->options()).values;  // before they are read: a later change is seen as one
+    item.pair = loader->load(request.files);
   } catch (const Error& e) {
     throw Error(e.code(), place(manifest, line) + ": " + e.what());
   }

@@ -4,6 +4,7 @@
 #include <mutex>
 #include <string>
 
+#include "apps/batch_inputs.h"
 #include "apps/batch_pool.h"
 #include "apps/run_options.h"
 
@@ -17,6 +18,8 @@ class LoaderCache {
 
   /// Reads what a line asks for. Throws Error "<manifest>:<line>: ...".
   DecodedPair load(const Manifest& manifest, const ManifestLine& line) const;
+  /// What a line is read from, as it is now. Never throws for what the line or a file lacks.
+  LineInputs inputs(const Manifest& manifest, const ManifestLine& line) const;
   /// What loads the pairs of a line's camera.
   std::shared_ptr<const PairLoader> loader(const PairRequest& request) const;
 

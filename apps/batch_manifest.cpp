@@ -87,14 +87,16 @@ struct Line {
     const bool numbers = camera.find_first_not_of("0123456789.,+-eE \t") == std::string::npos;
     return numbers ? camera : path(camera);
   }
-  std::optional<SE3> pose(const char* key) const {
+  std::optional<SE3> pose(const char* key, std::string& file) const {
     const Json* value = find(key);
     if (value == nullptr) return std::nullopt;
     const std::string what = where + ": key '" + key + "'";
     if (value->is_array()) return parse_pose(value->dump(), what);
     const std::string pose = text(key);
     const bool numbers = pose.find_first_not_of("0123456789.,;+-eE \t\r\n[]") == std::string::npos;
-    return numbers ? parse_pose(pose, what) : load_pose(path(pose), what);
+    if (numbers) return parse_pose(pose, what);
+    file = path(pose);
+    return load_pose(file, what);
   }
 };
 
@@ -153,8 +155,8 @@ PairRequest parse_line(const Manifest& manifest, const ManifestLine& source) {
       fail(where, "key 'depth_scale' is " + printable(scale->dump()) + "; a positive number is needed");
     request.depth_scale = scale->get<double>();
   }
-  request.T_10 = line.pose("initial_pose");
-  request.truth = line.pose("truth");
+  request.T_10 = line.pose("initial_pose", request.T_10_file);
+  request.truth = line.pose("truth", request.truth_file);
   if (const Json* meta = line.find("meta")) request.meta = *meta;
   return request;
 }

@@ -53,7 +53,8 @@ struct PairRequest {
   std::optional<double> depth_scale;
   std::optional<SE3> T_10;  ///< first guess
   std::optional<SE3> truth;
-  nlohmann::ordered_json meta;  ///< null if there is none
+  std::string T_10_file, truth_file;  ///< that they were read from, if any
+  nlohmann::ordered_json meta;        ///< null if there is none
 };
 
 /// Throws Error(invalid_argument) "<manifest>:<line>: ..." that names the key.

@@ -18,9 +18,9 @@ namespace iclk {
 struct DecodedPair {
   const ManifestLine* line = nullptr;
   PairInput pair;
-  nlohmann::ordered_json meta;
-  std::string error;  ///< empty: `pair` is complete
-  size_t bytes = 0;   ///< of its pixels; the pool's
+  nlohmann::ordered_json meta, inputs;  ///< `inputs`: LineInputs::values
+  std::string error;                    ///< empty: `pair` is complete
+  size_t bytes = 0;                     ///< of its pixels; the pool's
 };
 
 /// Pairs for one batch: all failed, or all of one image size and pixel type.

@@ -42,7 +42,7 @@ std::vector<Json> align_group(const AlignPairs& align, std::span<const PairInput
 
 /// Head first, then what the journal need not read: everything else in the order of the contract.
 Json result_line(const DecodedPair& item, Json body) {
-  Json line = result_head(*item.line, body["status"]);
+  Json line = result_head(*item.line, body["status"], item.inputs);
   if (body.contains("errors")) line["errors"] = body["errors"];
   for (auto it = body.begin(); it != body.end(); ++it)
     if (!line.contains(it.key())) line[it.key()] = std::move(it.value());
@@ -89,7 +89,10 @@ BatchOutcome run_batch(const BatchWork& work, ResultsJournal& journal, Tally& ta
         break;
       }
     } else {
-      for (const DecodedPair& item : group.items) bodies.push_back(error_body(item.error));
+      for (DecodedPair& item : group.items) {
+        bodies.push_back(error_body(item.error));
+        if (work.inputs) item.inputs = work.inputs(*item.line).values;
+      }
     }
     for (size_t i = 0; i < bodies.size(); ++i) {
       const Json line = result_line(group.items[i], std::move(bodies[i]));

@@ -26,6 +26,7 @@ using AlignPairs = std::function<std::vector<nlohmann::ordered_json>(std::span<c
 struct BatchWork {
   std::vector<const ManifestLine*> lines;  ///< still to be done
   std::function<DecodedPair(const ManifestLine&)> decode;
+  std::function<LineInputs(const ManifestLine&)> inputs;  ///< of a pair that `decode` threw for; may be empty
   AlignPairs align;
   std::function<bool()> stop;                                           ///< asked between batches
   std::function<void(const ManifestLine&, const std::string&)> failed;  ///< a pair got status "error"

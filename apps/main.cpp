@@ -11,13 +11,14 @@
 #include "apps/command.h"
 #include "apps/io/images.h"
 #include "apps/io/text.h"
+#include "apps/version.h"
 
 namespace {
 
 int run(int argc, char** argv) {
   CLI::App app("iclk: six-degree-of-freedom image alignment with sparse depth, on any Vulkan device");
   app.formatter(std::make_shared<iclk::HelpFormatter>());
-  app.set_version_flag("--version", ICLK_VERSION);
+  app.set_version_flag("--version", iclk::version());
   app.require_subcommand(1);
   app.footer(std::string("Every subcommand has its own --help, with examples.\n") + iclk::kExitCodesHelp);
   int exit = iclk::kConverged;

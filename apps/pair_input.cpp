@@ -26,14 +26,14 @@ void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& 
 
 PairLoader::PairLoader(InputOptions options) : options_(std::move(options)) {
   options_.detector.check();
-  distortion_ = options_.distortion.value_or(options_.camera.distortion);
+  if (!options_.distortion) options_.distortion = options_.camera.distortion;
   if (options_.depth_scale == 0) options_.depth_scale = options_.camera.depth_scale;
 }
 
 std::shared_ptr<const Undistorter> PairLoader::undistorter(const Camera& camera) const {
   const std::lock_guard lock(mutex_);
   if (!cached_ || cached_camera_.width != camera.width || cached_camera_.height != camera.height) {
-    cached_ = std::make_shared<Undistorter>(camera, distortion_);
+    cached_ = std::make_shared<Undistorter>(camera, *options_.distortion);
     cached_camera_ = camera;
   }
   return cached_;
@@ -60,7 +60,7 @@ PairInput PairLoader::load(const PairFiles& files) const {
     pair.features_from_file = true;
   }
   cv::Mat seen;
-  if (!distortion_.empty()) {
+  if (!options_.distortion->empty()) {
     const auto undistort = undistorter(pair.camera);
     pair.image_0 = undistort->image(pair.image_0);
     pair.image_1 = undistort->image(pair.image_1);

@@ -51,12 +51,13 @@ class PairLoader {
 
   /// Throws Error that names the file: missing, unreadable, of another size, without depth, ...
   PairInput load(const PairFiles& files) const;
+  /// With what holds where nothing else was said: the camera file's distortion and depth scale.
+  const InputOptions& options() const { return options_; }
 
  private:
   std::shared_ptr<const Undistorter> undistorter(const Camera& camera) const;
 
   InputOptions options_;
-  Distortion distortion_;
   mutable std::mutex mutex_;
   mutable Camera cached_camera_;
   mutable std::shared_ptr<const Undistorter> cached_;  // its maps take longer to make than an image to load

@@ -52,7 +52,7 @@ TEST(BatchRun, ALostDeviceMarksNoPairAsFailed) {
     const std::string path = folder.path("r" + std::to_string(static_cast<int>(code)));
     std::set<std::string> aligned;  // which four: whatever was decoded first
     {
-      ResultsJournal journal(path, manifest, {Json::object(), "v", false}, [](const Json&) {});
+      ResultsJournal journal(path, manifest, {Json::object(), "v"}, [](const Json&) {});
       Tally tally;
       int calls = 0;
       BatchWork work = work_of(
@@ -76,7 +76,7 @@ TEST(BatchRun, ALostDeviceMarksNoPairAsFailed) {
       EXPECT_EQ(tally.count("error"), 0);
     }
     int seen = 0;
-    const ResultsJournal again(path, manifest, {Json::object(), "v", false}, [&](const Json&) { ++seen; });
+    const ResultsJournal again(path, manifest, {Json::object(), "v"}, [&](const Json&) { ++seen; });
     EXPECT_EQ(seen, 4);
     for (const ManifestLine& line : manifest.lines) EXPECT_EQ(again.has(line.id), aligned.contains(line.id)) << line.id;
   }
@@ -85,7 +85,7 @@ TEST(BatchRun, ALostDeviceMarksNoPairAsFailed) {
 TEST(BatchRun, OnePairDoesNotSpoilItsBatch) {
   const Folder folder;
   const Manifest manifest = manifest_of(folder, 8);
-  ResultsJournal journal(folder.path("r"), manifest, {Json::object(), "v", false}, [](const Json&) {});
+  ResultsJournal journal(folder.path("r"), manifest, {Json::object(), "v"}, [](const Json&) {});
   Tally tally;
   BatchWork work = work_of(
       manifest,
@@ -225,7 +225,7 @@ TEST(Journal, ManifestAndHashSeeEveryChange) {
   // A result that a tool wrote anew, keys sorted, is still a result.
   const std::string path = folder.path("r");
   {
-    ResultsJournal journal(path, b, {Json::object(), "v", false}, [](const Json&) {});
+    ResultsJournal journal(path, b, {Json::object(), "v"}, [](const Json&) {});
     Json line = result_head(b.lines[0], "converged");
     line["reason"] = "a text with \",\\\"reason\\\":\" in it";
     journal.append(line);
@@ -234,19 +234,18 @@ TEST(Journal, ManifestAndHashSeeEveryChange) {
   const size_t second = bytes.find('\n') + 1;
   const std::string sorted = nlohmann::json::parse(bytes.substr(second)).dump();
   folder.write("r", bytes.substr(0, second) + sorted + "\n");
-  const ResultsJournal again(path, b, {Json::object(), "v", false},
-                             [](const Json& head) { EXPECT_EQ(head["status"], "converged"); });
+  const ResultsJournal again(path, b, {Json::object(), "v"}, [](const Json& head) { EXPECT_EQ(head["status"], "converged"); });
   EXPECT_TRUE(again.has("p0"));
   folder.write("r2", bytes.substr(0, second) + "{\"id\": 3}\n");
   expect_error(
       [&] {
-        ResultsJournal(folder.path("r2"), b, {Json::object(), "v", false}, [](const Json&) {});
+        ResultsJournal(folder.path("r2"), b, {Json::object(), "v"}, [](const Json&) {});
       },
       ErrorCode::invalid_argument, {"r2:2", "not a result"});
   folder.write("r3", bytes + sorted + "\n");
   expect_error(
       [&] {
-        ResultsJournal(folder.path("r3"), b, {Json::object(), "v", false}, [](const Json&) {});
+        ResultsJournal(folder.path("r3"), b, {Json::object(), "v"}, [](const Json&) {});
       },
       ErrorCode::invalid_argument, {"'p0'", "r3:3", ":2"});
 }

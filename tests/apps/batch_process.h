@@ -85,7 +85,7 @@ inline std::map<std::string, Json> results_of(const std::string& path) {
   EXPECT_TRUE(bytes.ends_with('\n')) << path << " ends in a half line";
   std::map<std::string, Json> results;
   size_t begin = bytes.find('\n') + 1;  // after the header
-  EXPECT_TRUE(bytes.starts_with("{\"iclk_batch\":1,")) << path;
+  EXPECT_TRUE(bytes.starts_with("{\"iclk_batch\":2,")) << path;
   for (size_t end; (end = bytes.find('\n', begin)) != std::string::npos; begin = end + 1) {
     Json line = Json::parse(bytes.substr(begin, end - begin), nullptr, false);
     if (!line.is_object()) {
