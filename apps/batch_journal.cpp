@@ -13,6 +13,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/io/json.h"
 #include "apps/io/output.h"
 #include "apps/io/text.h"
 
@@ -30,6 +31,8 @@ constexpr int kFormat = 2;  // 1 did not say what the results were made of
 }
 
 [[noreturn]] void refuse(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
+
+std::string in_brackets(const std::string& why) { return why.empty() ? "" : " (" + why + ")"; }
 
 std::string line_text(const Json& json) { return json.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n"; }
 
@@ -85,11 +88,13 @@ std::string ResultsJournal::header_text(const Manifest& manifest, const Options&
 
 /// What makes every line of the file another one than it would be today, in words; empty if nothing does.
 std::string ResultsJournal::check_header(std::string_view line, const Manifest& manifest, const Options& options) const {
-  const Json header = Json::parse(line, nullptr, false);
+  std::string why;
+  const Json header = parse_json(line, &why);
   const auto text = [&](const char* key) {
     return header.contains(key) && header[key].is_string() ? header[key].get<std::string>() : std::string();
   };
-  if (!header.is_object()) refuse(path_ + ":1, the header, is damaged: nothing was written; give another --out");
+  if (!header.is_object())
+    refuse(path_ + ":1, the header, is damaged" + in_brackets(why) + ": nothing was written; give another --out");
   if (header["iclk_batch"] != kFormat)
     refuse(path_ + " is of " + (text("version").empty() ? "another version of iclk" : text("version")) + ", in format " +
            header["iclk_batch"].dump() + " (this one continues " + std::to_string(kFormat) +
@@ -116,14 +121,14 @@ std::string ResultsJournal::check_header(std::string_view line, const Manifest& 
 Json ResultsJournal::read_head(std::string_view line, int number) const {
   // A quote inside a JSON string is escaped, so this piece is always a key; what follows it may be long and is not needed.
   const size_t rest = line.find(",\"reason\":");
-  Json head = line.ends_with('}') && rest != std::string_view::npos
-                  ? Json::parse(std::string(line.substr(0, rest)) + "}", nullptr, false)
-                  : Json::parse(line, nullptr, false);
+  std::string why;
+  Json head = line.ends_with('}') && rest != std::string_view::npos ? parse_json(std::string(line.substr(0, rest)) + "}", &why)
+                                                                    : parse_json(line, &why);
   const auto is_text = [&](const char* key) { return head.contains(key) && head[key].is_string(); };
-  if (head.is_object() && !(is_text("id") && is_text("key") && is_text("status"))) head = Json::parse(line, nullptr, false);
+  if (head.is_object() && !(is_text("id") && is_text("key") && is_text("status"))) head = parse_json(line, &why);
   if (!head.is_object() || !is_text("id") || !is_text("key") || !is_text("status"))
-    refuse(path_ + ":" + std::to_string(number) +
-           " is not a result of iclk batch (damaged?): nothing was written; remove that line or give another --out");
+    refuse(path_ + ":" + std::to_string(number) + " is not a result of iclk batch" +
+           in_brackets(why.empty() ? "damaged?" : why) + ": nothing was written; remove that line or give another --out");
   return head;
 }
 

@@ -10,6 +10,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/io/json.h"
 #include "apps/io/pose_text.h"
 #include "apps/io/text.h"
 
@@ -27,7 +28,7 @@ constexpr std::array kKeys = {"id",     "reference",  "target",       "depth", "
 
 std::string id_of(std::string_view text, int number) {
   const std::string unknown = "line " + std::to_string(number);
-  const Json json = Json::parse(text, nullptr, false);
+  const Json json = parse_json(text);
   if (!json.is_object()) return unknown;
   const auto id = json.find("id");
   if (id == json.end() || id->is_null()) return std::to_string(number);
@@ -36,16 +37,9 @@ std::string id_of(std::string_view text, int number) {
 }
 
 Json parse_object(const std::string& text, const std::string& where) {
-  Json json;
-  try {
-    json = Json::parse(text);
-  } catch (const Json::exception& e) {
-    // "[json.exception.parse_error.101] parse error at line 1, column 9: ...": the line is ours to say, and a token may be
-    // long.
-    std::string why = e.what();
-    if (const size_t at = why.find("column"); at != std::string::npos) why = why.substr(at);
-    fail(where, "not valid JSON: " + why.substr(0, 160));
-  }
+  std::string why;
+  Json json = parse_json(text, &why);
+  if (json.is_discarded()) fail(where, why);
   if (!json.is_object()) fail(where, std::string("a JSON object {...} is needed, this is a ") + json.type_name());
   return json;
 }

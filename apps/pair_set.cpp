@@ -18,6 +18,7 @@
 
 #include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
+#include "apps/io/json.h"
 #include "apps/io/output.h"
 #include "apps/io/text.h"
 
@@ -61,9 +62,11 @@ PairSet::PairSet(const std::string& folder, const Json& options, const Json& abo
                ") and no set.json: give an empty or new folder as --out");
     write_file(path, Json{{"iclk_pairs", kVersion}, {"options", options}, {"about", about}}.dump(2) + "\n");
   } else {
-    const Json old = Json::parse(read_file(path), nullptr, false);
+    std::string why;
+    const Json old = parse_json(read_file(path), &why);
     if (!old.is_object() || old.value("iclk_pairs", 0) != kVersion || !old.contains("options") || !old["options"].is_object())
-      refuse(path + " is damaged or not of a set of this version: give another --out");
+      refuse(path + " is damaged or not of a set of this version" + (why.empty() ? "" : " (" + why + ")") +
+             ": give another --out");
     compare_options(path, old["options"], options);
   }
   for (const char* name : {"images", "depth", "features"}) make_output_folder(folder + "/" + name);
@@ -96,10 +99,12 @@ void PairSet::read_lines() {
   for (const std::string_view line : lines_of(std::string_view(text).substr(0, whole))) {
     ++number;
     if (trim(line).empty()) continue;
-    Json json = Json::parse(line, nullptr, false);
+    std::string why;
+    Json json = parse_json(line, &why);
     if (!json.is_object() || !json.contains("meta") || !json["meta"].is_object() || !json["meta"].contains("index") ||
         !json["meta"]["index"].is_number_unsigned())
-      refuse(manifest() + ":" + std::to_string(number) + " is not a line of this set: remove it, or give another --out");
+      refuse(manifest() + ":" + std::to_string(number) + " is not a line of this set" + (why.empty() ? "" : " (" + why + ")") +
+             ": remove it, or give another --out");
     const uint64_t index = json["meta"]["index"].get<uint64_t>();
     if (!lines_.emplace(index, std::move(json)).second)
       refuse(manifest() + ":" + std::to_string(number) + ": pair " + std::to_string(index) + " comes twice");

@@ -13,7 +13,7 @@ namespace {
 
 class Parser {
  public:
-  Parser(std::string_view text, int max_depth) : text_(text), depth_left_(max_depth) {}
+  Parser(std::string_view text, int max_depth) : text_(text), max_depth_(max_depth), depth_left_(max_depth) {}
 
   Json document() {
     Json out = value();
@@ -52,7 +52,8 @@ class Parser {
     Json out;
     const char c = peek();
     if (c == '{' || c == '[') {
-      if (depth_left_-- == 0) fail("a value that is less deeply nested");
+      if (depth_left_-- == 0)
+        fail("a value that is less deeply nested: at most " + std::to_string(max_depth_) + " levels are read");
       c == '{' ? object(out) : array(out);
       ++depth_left_;
     } else if (c == '"') {
@@ -205,7 +206,7 @@ class Parser {
 
   std::string_view text_;
   size_t at_ = 0;
-  int depth_left_;
+  int max_depth_, depth_left_;
 };
 
 }  // namespace

@@ -146,7 +146,7 @@ TEST(ModelFile, HeadersThatLie) {
   expect_refused(file(std::string(1 << 19, ' '), 0, 1 << 19), {"header of 524288 bytes"});
   expect("", 0, {"the end instead of a value"});
   expect("[]", 0, {"no JSON object"});
-  expect(std::string(3000, '['), 0, {"less deeply nested"});
+  expect(std::string(3000, '['), 0, {"less deeply nested", "at most 4 levels"});
   const auto entry = [](const std::string& inside) { return "{\"a\":{" + inside + "}}"; };
   expect(entry(R"("dtype":"F16","shape":[2],"data_offsets":[0,4])"), 4, {"'a'", "'F16'", "single precision"});
   expect(entry(R"("dtype":"BF16","shape":[2],"data_offsets":[0,4])"), 4, {"'BF16'"});

@@ -172,6 +172,8 @@ TEST(PairSets, OtherOptionsAndOtherFoldersAreRefused) {
   EXPECT_EQ(bytes_of(folder.path("mine/thesis.txt")), "x");
   folder.write("broken/set.json", "{");
   refused(pairs(folder.path("broken"), 1), kBadInput, {"set.json", "damaged"});
+  folder.write("deep/set.json", "{\"options\":" + std::string(100000, '[') + std::string(100000, ']') + "}");
+  refused(pairs(folder.path("deep"), 1), kBadInput, {"set.json", "100 levels"});
   std::ofstream(set + "/pairs.jsonl", std::ios::app) << "{}\n";
   const std::string said = run(pairs(set, 2), kBadInput);
   EXPECT_NE(said.find("pairs.jsonl:2"), std::string::npos) << said;
