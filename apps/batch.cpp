@@ -156,8 +156,8 @@ ResultsJournal::Retry parse_retry(const std::string& text) {
 
 /// What the results depend on, as the command line or the defaults say it; a model by what is in it.
 Json effective_options(const CLI::App& command, const SessionOptions& session) {
-  const std::vector<std::string> free = {"--help",   "MANIFEST", "--out",   "--batch",         "--threads",
-                                         "--memory", "--shard",  "--retry", "--with-features", "--device"};
+  const std::vector<std::string> free = {"--help",  "MANIFEST", "--out",           "--batch",  "--threads",   "--memory",
+                                         "--shard", "--retry",  "--with-features", "--device", "--max-pixels"};
   Json json = Json::object();
   for (const CLI::Option* option : command.get_options()) {
     const std::string name = option->get_name();
@@ -218,6 +218,7 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
     PairAligner aligner(session_options, options.with_features);
     report_device(aligner.session());
     ProgressBar bar;
+    work.measure = [&](const ManifestLine& line) { return loaders.memory(manifest, line, work.limits.bytes); };
     work.decode = [&](const ManifestLine& line) { return loaders.load(manifest, line); };
     work.inputs = inputs;
     work.align = [&](std::span<const PairInput> pairs) { return aligner(pairs); };
@@ -279,9 +280,10 @@ void add_batch(CLI::App& app, int& exit) {
   command->add_option("--threads", options->threads, "Threads that read images; default: one a core, at most 16")
       ->check(CLI::Range(1, 256));
   command
-      ->add_option("--memory", options->memory,
-                   "MiB of decoded pixels beyond which no pair is begun; besides, at most batch + max(batch, threads) pairs "
-                   "are in memory")
+      ->add_option(
+          "--memory", options->memory,
+          "MiB that the pixels of all pairs take that are decoded or being decoded; a pair that takes more by itself is "
+          "an error. Besides, at most batch + max(batch, threads) pairs are in memory")
       ->capture_default_str()
       ->check(CLI::Range(1, 1 << 24));
   command

@@ -42,6 +42,15 @@ LineInputs LoaderCache::inputs(const Manifest& manifest, const ManifestLine& lin
   }
 }
 
+uint64_t LoaderCache::memory(const Manifest& manifest, const ManifestLine& line, uint64_t budget) const {
+  const PairRequest request = parse_line(manifest, line);
+  try {
+    return loader(request)->memory(request.files, budget);
+  } catch (const Error& e) {
+    throw Error(e.code(), place(manifest, line) + ": " + e.what());
+  }
+}
+
 DecodedPair LoaderCache::load(const Manifest& manifest, const ManifestLine& line) const {
   const PairRequest request = parse_line(manifest, line);
   DecodedPair item;

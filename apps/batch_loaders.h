@@ -18,6 +18,8 @@ class LoaderCache {
 
   /// Reads what a line asks for. Throws Error "<manifest>:<line>: ...".
   DecodedPair load(const Manifest& manifest, const ManifestLine& line) const;
+  /// PairLoader::memory() of a line. Throws Error "<manifest>:<line>: ...".
+  uint64_t memory(const Manifest& manifest, const ManifestLine& line, uint64_t budget) const;
   /// What a line is read from, as it is now. Never throws for what the line or a file lacks.
   LineInputs inputs(const Manifest& manifest, const ManifestLine& line) const;
   /// What loads the pairs of a line's camera.

@@ -21,9 +21,8 @@ bool same_kind(const DecodedPair& a, const DecodedPair& b) {
 
 }  // namespace
 
-DecodePool::DecodePool(std::span<const ManifestLine* const> lines, std::function<DecodedPair(const ManifestLine&)> decode,
-                       const PoolLimits& limits)
-    : lines_(lines), decode_(std::move(decode)), limits_(limits) {
+DecodePool::DecodePool(std::span<const ManifestLine* const> lines, Decode decode, const PoolLimits& limits, Measure measure)
+    : lines_(lines), measure_(std::move(measure)), decode_(std::move(decode)), limits_(limits) {
   try {
     for (int i = 0; i < limits_.threads; ++i) threads_.emplace_back([this] { work(); });
   } catch (...) {
@@ -35,7 +34,26 @@ DecodePool::DecodePool(std::span<const ManifestLine* const> lines, std::function
 DecodePool::~DecodePool() { stop(); }
 
 bool DecodePool::may_begin() const {
-  return !stopped_ && next_ < lines_.size() && held_ < limits_.pairs && (bytes_ < limits_.bytes || held_ == 0);
+  const bool idle_thread = decoding_ + static_cast<int>(waiting_.size()) < limits_.threads;
+  return idle_thread && !stopped_ && next_ < lines_.size() && held_ < limits_.pairs && (bytes_ < limits_.bytes || held_ == 0);
+}
+
+/// Waits until what decoding takes is free. A pair that waits is not being decoded: fill() gives out what is there, and what is
+/// taken back of that is what it waits for.
+DecodedPair DecodePool::decode(const ManifestLine& line, size_t& reserved) {
+  const size_t bytes = measure_(line);
+  {
+    std::unique_lock lock(mutex_);
+    const auto place = waiting_.insert(bytes);
+    --decoding_;
+    changed_.notify_all();
+    changed_.wait(lock, [&] { return stopped_ || fits(bytes); });
+    waiting_.erase(place);
+    ++decoding_;
+    if (stopped_) return {};
+    bytes_ += reserved = bytes;
+  }
+  return decode_(line);
 }
 
 void DecodePool::work() {
@@ -50,8 +68,9 @@ void DecodePool::work() {
       ++held_;
     }
     DecodedPair item;
+    size_t reserved = 0;
     try {
-      item = decode_(*lines_[index]);
+      item = decode(*lines_[index], reserved);
     } catch (const std::bad_alloc&) {
       item.error = "not enough memory to read this pair";
     } catch (const std::exception& e) {
@@ -63,7 +82,7 @@ void DecodePool::work() {
     {
       const std::lock_guard lock(mutex_);
       --decoding_;
-      bytes_ += item.bytes;
+      bytes_ += item.bytes - reserved;
       ready_.emplace(index, std::move(item));
     }
     changed_.notify_all();
@@ -77,7 +96,7 @@ bool DecodePool::fill(PairGroup& group, int count) {
   std::vector<size_t> indices;
   for (auto it = first; it != ready_.end() && static_cast<int>(indices.size()) < count; ++it)
     if (same_kind(first->second, it->second)) indices.push_back(it->first);
-  const bool more_may_come = decoding_ > 0 || may_begin();
+  const bool more_may_come = decoding_ > 0 || may_begin() || (!waiting_.empty() && fits(*waiting_.begin()));
   if (failed == ready_.end() && static_cast<int>(indices.size()) < count && more_may_come) return false;
   for (const size_t index : indices) group.items.push_back(std::move(ready_.extract(index).mapped()));
   return true;
@@ -93,13 +112,14 @@ void DecodePool::next(PairGroup& group, int count, std::chrono::milliseconds pat
   std::unique_lock lock(mutex_);
   free(group);
   changed_.notify_all();
-  changed_.wait_for(lock, patience,
-                    [&] { return fill(group, count) || (next_ == lines_.size() && decoding_ == 0 && ready_.empty()); });
+  changed_.wait_for(lock, patience, [&] { return fill(group, count) || done(); });
 }
+
+bool DecodePool::done() const { return next_ == lines_.size() && decoding_ == 0 && waiting_.empty() && ready_.empty(); }
 
 bool DecodePool::finished() const {
   const std::lock_guard lock(mutex_);
-  return next_ == lines_.size() && decoding_ == 0 && ready_.empty();
+  return done();
 }
 
 void DecodePool::stop() {

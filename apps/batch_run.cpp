@@ -70,7 +70,7 @@ BatchOutcome run_batch(const BatchWork& work, ResultsJournal& journal, Tally& ta
                        const std::function<void(const BatchOutcome&)>& progress) {
   const auto start = Clock::now();
   BatchOutcome outcome;
-  DecodePool pool(work.lines, work.decode, work.limits);
+  DecodePool pool(work.lines, work.decode, work.limits, work.measure);
   PairGroup group;
   while (!pool.finished()) {
     if (work.stop()) {

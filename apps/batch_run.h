@@ -25,7 +25,8 @@ using AlignPairs = std::function<std::vector<nlohmann::ordered_json>(std::span<c
 /// What a batch is made of.
 struct BatchWork {
   std::vector<const ManifestLine*> lines;  ///< still to be done
-  std::function<DecodedPair(const ManifestLine&)> decode;
+  DecodePool::Measure measure;
+  DecodePool::Decode decode;
   std::function<LineInputs(const ManifestLine&)> inputs;  ///< of a pair that `decode` threw for; may be empty
   AlignPairs align;
   std::function<bool()> stop;                                           ///< asked between batches

@@ -5,7 +5,6 @@
 #include <iclk/engine/error.h>
 
 #include "apps/io/feature_csv.h"
-#include "apps/io/images.h"
 
 namespace iclk {
 namespace {
@@ -39,6 +38,27 @@ std::shared_ptr<const Undistorter> PairLoader::undistorter(const Camera& camera)
   return cached_;
 }
 
+uint64_t PairLoader::memory(const PairFiles& files, uint64_t budget) const {
+  uint64_t sum = 0, largest = 0;
+  std::string name;
+  for (const std::string* file : {&files.reference, &files.target, &files.depth}) {
+    const auto header = file->empty() ? std::nullopt : peek_image(*file, options_.max_pixels);
+    if (!header) continue;
+    ImageHeader decoded = *header;
+    if (file == &files.depth) decoded.pixel_bytes = std::max<uint64_t>(decoded.pixel_bytes, sizeof(float));
+    sum += decoded.bytes();
+    if (decoded.bytes() <= largest) continue;
+    largest = decoded.bytes();
+    name = *file + " (" + std::to_string(header->width) + "x" + std::to_string(header->height) + ")";
+  }
+  sum += largest;  // one at a time is there twice: as decoded, and as we want it
+  const auto mib = [](uint64_t bytes) { return std::to_string((bytes + (1 << 20) - 1) >> 20); };
+  if (sum > budget)
+    throw Error(ErrorCode::invalid_argument, name + ": to decode this pair takes " + mib(sum) + " MiB, more than the " +
+                                                 mib(budget) + " of --memory; give --memory " + mib(sum));
+  return sum;
+}
+
 PairInput PairLoader::load(const PairFiles& files) const {
   const auto start = std::chrono::steady_clock::now();
   if (files.depth.empty() && files.features.empty())
@@ -47,12 +67,12 @@ PairInput PairLoader::load(const PairFiles& files) const {
   PairInput pair;
   pair.name_0 = files.reference;
   pair.name_1 = files.target;
-  pair.image_0 = load_image(files.reference);
-  pair.image_1 = load_image(files.target);
+  pair.image_0 = load_image(files.reference, options_.max_pixels);
+  pair.image_1 = load_image(files.target, options_.max_pixels);
   require_size(pair.image_1, files.target, pair.image_0, files.reference);
   pair.camera = fit_camera(options_.camera, pair.image_0.cols, pair.image_0.rows);
   if (!files.depth.empty()) {
-    pair.depth_0 = load_depth(files.depth, options_.depth_scale);
+    pair.depth_0 = load_depth(files.depth, options_.depth_scale, options_.max_pixels);
     require_size(pair.depth_0, files.depth, pair.image_0, files.reference);
   }
   if (!files.features.empty()) {

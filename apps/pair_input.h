@@ -12,6 +12,7 @@
 #include "apps/detect.h"
 #include "apps/io/camera_file.h"
 #include "apps/io/distortion.h"
+#include "apps/io/images.h"
 
 namespace iclk {
 
@@ -28,6 +29,7 @@ struct InputOptions {
   std::optional<Distortion> distortion;  ///< in place of the camera file's
   double depth_scale = 0;                ///< raw units a metre; 0: the camera file's
   DetectorOptions detector;
+  uint64_t max_pixels = kMaxPixels;  ///< of an image or a depth image
 };
 
 /// A pair in memory, as a pinhole camera would have seen it. All pixel coordinates are of the undistorted images.
@@ -51,6 +53,9 @@ class PairLoader {
 
   /// Throws Error that names the file: missing, unreadable, of another size, without depth, ...
   PairInput load(const PairFiles& files) const;
+  /// What load() takes while it decodes, bytes, as the files' headers say; 0 where they do not. Throws Error(invalid_argument)
+  /// that names the file for more pixels than allowed, and for more than `budget` bytes.
+  uint64_t memory(const PairFiles& files, uint64_t budget) const;
   /// With what holds where nothing else was said: the camera file's distortion and depth scale.
   const InputOptions& options() const { return options_; }
 

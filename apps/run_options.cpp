@@ -128,6 +128,11 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
   command.add_option("--depth-scale", depth_scale,
                      "Raw units a metre of 16-bit depth (TUM RGB-D 5000, millimetres 1000); default: camera.txt's");
   command
+      .add_option("--max-pixels", max_pixels,
+                  "Most pixels of an image: a larger one is refused by its header, before its pixels take memory")
+      ->capture_default_str()
+      ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
+  command
       .add_option("--detector", detector,
                   "How features are chosen where no feature file is given: shi-tomasi (corners, spread over the "
                   "image), grid, random (uniform, as in the paper)")
@@ -144,6 +149,7 @@ InputOptions LoadOptions::input() const {
   if (depth_scale != 0 && !(std::isfinite(depth_scale) && depth_scale > 0))
     throw Error(ErrorCode::invalid_argument, "--depth-scale " + std::to_string(depth_scale) + " must be positive");
   options.depth_scale = depth_scale;
+  options.max_pixels = max_pixels;
   options.detector = features;
   options.detector.detector = parse_detector(detector);
   options.detector.check();

@@ -33,6 +33,7 @@ struct RunOptions {
 struct LoadOptions {
   std::string camera, distortion, detector = "shi-tomasi";
   double depth_scale = 0;
+  uint64_t max_pixels = kMaxPixels;
   DetectorOptions features;
 
   void add_to(CLI::App& command, bool camera_required);

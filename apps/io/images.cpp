@@ -1,8 +1,15 @@
 #include "apps/io/images.h"
 
+#include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <cstdlib>
+#include <filesystem>
+#include <fstream>
 
+#include <cpl_error.h>
+#include <cpl_vsi.h>
+#include <gdal.h>
 #include <opencv2/core/utils/logger.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -14,27 +21,67 @@
 namespace iclk {
 namespace {
 
-/// libjpeg fills what a truncated file lacks with grey and calls it success. A whole file ends its last scan with EOI.
-bool is_truncated_jpeg(const std::string& bytes) {
-  if (bytes.size() < 4 || bytes.compare(0, 2, "\xff\xd8") != 0) return false;
-  const size_t scan = bytes.rfind("\xff\xda");
-  return scan == std::string::npos || bytes.find("\xff\xd9", scan) == std::string::npos;
+/// What GDAL says goes nowhere. It has told libtiff to speak through it, when OpenCV asks too.
+class QuietGdal {
+ public:
+  QuietGdal() { CPLPushErrorHandler(CPLQuietErrorHandler); }
+  ~QuietGdal() { CPLPopErrorHandler(); }
+  QuietGdal(const QuietGdal&) = delete;
+  QuietGdal& operator=(const QuietGdal&) = delete;
+};
+
+/// TIFF, BMP, WebP and JPEG 2000, by the readers of GDAL, which are OpenCV's libraries for the most part. No other formats:
+/// some of GDAL's name further files to open.
+std::optional<ImageHeader> gdal_header(const std::string& path) {
+  static const bool registered = (GDALAllRegister(), true);
+  static_cast<void>(registered);
+  const char* const formats[] = {"GTiff", "BMP", "WEBP", "JP2OpenJPEG", nullptr};
+  const char* const no_siblings[] = {nullptr};
+  const QuietGdal quiet;
+  std::optional<ImageHeader> header;
+  if (const GDALDatasetH file = GDALOpenEx(path.c_str(), GDAL_OF_RASTER, formats, nullptr, no_siblings)) {
+    if (const int bands = GDALGetRasterCount(file); bands > 0) {
+      const GDALDataType type = GDALGetRasterDataType(GDALGetRasterBand(file, 1));
+      // 16 bit with a sign may be LogLuv, which becomes float.
+      const int bytes = type == GDT_Int16 ? 4 : GDALGetDataTypeSizeBytes(type);
+      header = {static_cast<uint64_t>(GDALGetRasterXSize(file)), static_cast<uint64_t>(GDALGetRasterYSize(file)),
+                static_cast<uint64_t>(std::min(bands, 4) * bytes)};
+    }
+    GDALClose(file);
+  }
+  return header;
 }
 
-/// The same of a PNG cut after its last whole row: the end chunk is what says that it is complete.
-bool is_truncated_png(const std::string& bytes) {
-  if (bytes.compare(0, 8, std::string("\x89PNG\r\n\x1a\n", 8)) != 0) return false;
-  return bytes.find("IEND", 8) == std::string::npos;
+std::optional<ImageHeader> header_of(const std::string& bytes) {
+  if (const auto header = image_header(bytes)) return header;
+  static std::atomic<int> count = 0;
+  const std::string name = "/vsimem/iclk_image_" + std::to_string(++count);
+  auto* const data = reinterpret_cast<GByte*>(const_cast<char*>(bytes.data()));
+  VSILFILE* const file = VSIFileFromMemBuffer(name.c_str(), data, bytes.size(), FALSE);
+  if (file == nullptr) return {};
+  VSIFCloseL(file);
+  const auto header = gdal_header(name);
+  VSIUnlink(name.c_str());
+  return header;
 }
 
-cv::Mat decode(const std::string& path) {
+void check_size(const std::string& path, const ImageHeader& header, uint64_t max_pixels) {
+  if (!header.exceeds(max_pixels)) return;
+  throw Error(ErrorCode::invalid_argument, path + " is " + std::to_string(header.width) + "x" + std::to_string(header.height) +
+                                               ", more than the " + std::to_string(max_pixels) +
+                                               " pixels that --max-pixels allows: give a larger number if it is meant to be");
+}
+
+cv::Mat decode(const std::string& path, uint64_t max_pixels) {
   const std::string bytes = read_file(path);
   if (bytes.empty()) throw Error(ErrorCode::io, "cannot read " + path + ": the file is empty");
   cv::Mat image;
   std::string why = "not an image that OpenCV can read, or damaged";
   if (is_truncated_jpeg(bytes) || is_truncated_png(bytes)) {
     why = "the file is truncated";
-  } else {
+  } else if (const auto header = header_of(bytes)) {
+    check_size(path, *header, max_pixels);
+    const QuietGdal quiet;
     try {
       const cv::Mat raw(1, static_cast<int>(bytes.size()), CV_8U, const_cast<char*>(bytes.data()));
       image = cv::imdecode(raw, cv::IMREAD_UNCHANGED);
@@ -63,8 +110,21 @@ void prepare_opencv() {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
 }
 
-cv::Mat load_image(const std::string& path) {
-  cv::Mat image = decode(path);
+std::optional<ImageHeader> peek_image(const std::string& path, uint64_t max_pixels) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) return {};
+  std::string begin(size_t{1} << 20, '\0');  // a camera's JPEG has its size behind colour profiles and thumbnails
+  std::ifstream in(path, std::ios::binary);
+  in.read(begin.data(), static_cast<std::streamsize>(begin.size()));
+  begin.resize(static_cast<size_t>(std::max<std::streamsize>(in.gcount(), 0)));
+  auto header = image_header(begin);
+  if (!header && !begin.empty()) header = gdal_header(path);
+  if (header) check_size(path, *header, max_pixels);
+  return header;
+}
+
+cv::Mat load_image(const std::string& path, uint64_t max_pixels) {
+  cv::Mat image = decode(path, max_pixels);
   if (image.depth() == CV_64F) image.convertTo(image, CV_32F);
   if (image.depth() != CV_8U && image.depth() != CV_16U && image.depth() != CV_32F)
     throw Error(ErrorCode::unsupported, path + " is " + type_name(image) + "; 8-bit, 16-bit or 32-bit float is needed");
@@ -81,8 +141,8 @@ cv::Mat load_image(const std::string& path) {
   return image;
 }
 
-cv::Mat load_depth(const std::string& path, double scale) {
-  cv::Mat raw = decode(path), depth;
+cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
+  cv::Mat raw = decode(path, max_pixels), depth;
   const std::string remedy = "; a depth image is 16-bit with --depth-scale, or 32-bit float in metres, with 1 channel";
   if (raw.channels() > 1 && raw.depth() >= CV_32F) {
     // EXR writers repeat a single channel as grey colour.

@@ -98,6 +98,17 @@ TEST_P(BadInput, SizesThatDiffer) {
   expect_refused(align_with({{"--camera", camera_ + ",640,400"}}), kBadInput, {"640x400", "320x240", "give the intrinsics"});
 }
 
+TEST_P(BadInput, MorePixelsThanMeant) {
+  for (const char* what : {"a.png", "b.png", "d.png"}) {
+    const cv::Mat large = cv::Mat::zeros(500, 400, std::string(what) == "d.png" ? CV_16UC1 : CV_8UC3);
+    cv::imwrite(out_.path("large.png"), large);
+    expect_refused(align_with({{what, out_.path("large.png")}, {"--max-pixels", "199999"}}), kBadInput,
+                   {"large.png is 400x500", "199999", "--max-pixels"});
+  }
+  EXPECT_EQ(align_with({{"--max-pixels", "76800"}}).code, kConverged) << "320x240";
+  EXPECT_EQ(align_with({{"--max-pixels", "0"}}).code, kUsage);
+}
+
 TEST_P(BadInput, ZeroOneFiveFeatures) {
   std::string csv = "u,v,depth\n";
   for (int n = 0; n <= 5; csv += std::to_string(100 + 20 * n++) + ",100,2\n") {

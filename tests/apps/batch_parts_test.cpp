@@ -34,6 +34,7 @@ DecodedPair decoded(int width = 8, int type_0 = CV_8UC1, int type_1 = CV_8UC1) {
 BatchWork work_of(const Manifest& manifest, AlignPairs align, int batch) {
   BatchWork work;
   work.lines = all_lines(manifest);
+  work.measure = [](const ManifestLine&) { return size_t{0}; };
   work.decode = [](const ManifestLine&) { return decoded(); };
   work.align = std::move(align);
   work.stop = [] { return false; };
@@ -126,9 +127,12 @@ TEST(DecodePool, KeepsNoMoreThanItsLimitInMemory) {
     }
     return decoded();
   };
+  constexpr size_t decoded_bytes = 2 * 8 * 6;
+  size_t needed = decoded_bytes;
+  const auto measure = [&](const ManifestLine&) { return needed; };
   const auto take_all = [&](const PoolLimits& limits, int count) {
     held = most = 0;
-    DecodePool pool(lines, decode, limits);
+    DecodePool pool(lines, decode, limits, measure);
     PairGroup group;
     std::vector<int> order;
     while (!pool.finished()) {
@@ -145,10 +149,15 @@ TEST(DecodePool, KeepsNoMoreThanItsLimitInMemory) {
   take_all({4, 10, size_t{1} << 20}, 5);
   EXPECT_LE(most, 10);
   EXPECT_GE(most, 6) << "it decodes ahead";
-  take_all({4, 40, 2 * 8 * 6 * 3}, 5);  // bytes of three pairs: each of the four threads may be one pair above
-  EXPECT_LE(most, 7);
+  take_all({4, 40, 2 * 8 * 6 * 3}, 5);  // bytes of three pairs
+  EXPECT_LE(most, 3);
+  EXPECT_GE(most, 2);
   take_all({4, 40, 1}, 5);
-  EXPECT_LE(most, 5);
+  EXPECT_LE(most, 1);
+  needed = 4 * 2 * 8 * 6;  // more than what is decoded is set aside while it is
+  take_all({4, 40, 6 * 2 * 8 * 6}, 5);
+  EXPECT_LE(most, 4);
+  needed = decoded_bytes;
   const std::vector<int> order = take_all({1, 6, size_t{1} << 20}, 3);
   EXPECT_TRUE(std::is_sorted(order.begin(), order.end()));
 }

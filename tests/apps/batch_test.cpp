@@ -76,6 +76,17 @@ TEST_F(Batch, BrokenPairsGetTheirReasonAndTheOthersGoOn) {
     json[key] = value;
     return json.dump();
   };
+  const std::string nested =
+      std::string(99, '[') + "\"]]\\\"[[\"" + std::string(99, ']');  // the line's braces are the 100th level
+  auto with_meta = [](const std::string& id, const std::string& meta) {
+    const std::string text = line(id, "a").dump();
+    return text.substr(0, text.size() - 1) + ",\"meta\":" + meta + "}";
+  };
+  // Valid but for its depth: parsers that do not recurse leave it to whoever copies or prints it to run out of stack.
+  auto deep = [](const std::string& id, const std::string& key) {
+    const std::string text = line(id, "a").dump();
+    return text.substr(0, text.size() - 1) + ",\"" + key + "\":" + std::string(100000, '[') + std::string(100000, ']') + "}";
+  };
   Json no_target = line("no_target", "a"), no_depth = line("no_depth", "a"), no_camera = line("no_camera", "a");
   no_target.erase("target"), no_depth.erase("depth"), no_camera.erase("camera");
   const std::string m =
@@ -98,9 +109,13 @@ TEST_F(Batch, BrokenPairsGetTheirReasonAndTheOthersGoOn) {
                                 broken("type", "reference", 7),                                           // 17
                                 std::string("{\"id\": \"deep\", \"meta\": ") + std::string(100000, '['),  // 18
                                 with("id", Json::array()),                                                // 19
+                                deep("deep_meta", "meta"),
+                                deep("deep_pose", "initial_pose"),  // 20, 21
+                                with_meta("level", nested),
                                 line("last", "b").dump()});
   const Folder out;
-  const Results r = run(m, out.path("r.jsonl"), {"--batch", "4"}, 20);
+  run(m, out.path("r.jsonl"), {"--batch", "4"}, 20);
+  const Results r = run(m, out.path("r.jsonl"), {"--batch", "4"}, 20);  // goes on as well
   const std::map<std::string, std::vector<std::string>> expected = {{"line 2", {":2:", "not valid JSON"}},
                                                                     {"line 3", {":3:", "array"}},
                                                                     {"no_target", {":4:", "'target'"}},
@@ -116,9 +131,11 @@ TEST_F(Batch, BrokenPairsGetTheirReasonAndTheOthersGoOn) {
                                                                     {"scale", {":15:", "'depth_scale'", "-3"}},
                                                                     {"camera", {":16:", "1,2,3"}},
                                                                     {"type", {":17:", "'reference'", "7"}},
-                                                                    {"line 18", {":18:", "not valid JSON"}},
+                                                                    {"line 18", {":18:", "nested more than 100 levels"}},
+                                                                    {"line 20", {":20:", "nested more than 100 levels"}},
+                                                                    {"line 21", {":21:", "nested more than 100 levels"}},
                                                                     {"line 19", {":19:", "'id'"}}};
-  EXPECT_EQ(r.size(), expected.size() + 2);
+  EXPECT_EQ(r.size(), expected.size() + 3);
   for (const auto& [id, pieces] : expected) {
     ASSERT_TRUE(r.contains(id)) << id;
     EXPECT_EQ(r.at(id)["status"], "error") << id;
@@ -127,8 +144,27 @@ TEST_F(Batch, BrokenPairsGetTheirReasonAndTheOthersGoOn) {
     for (const std::string& piece : pieces)
       EXPECT_NE(reason.find(piece), std::string::npos) << "'" << piece << "' in: " << reason;
   }
+  EXPECT_EQ(r.at("level")["meta"].dump(), nested);
   EXPECT_EQ(r.at("first")["status"], "converged");
   EXPECT_EQ(r.at("last")["status"], "converged");
+}
+
+TEST_F(Batch, APairThatIsLargerThanTheMemoryIsRefused) {
+  // 72 MB of pixels in some 100 kB.
+  cv::imwrite(folder_->path("images/bomb.png"), cv::Mat::zeros(3000, 3000, CV_16UC4), {cv::IMWRITE_PNG_COMPRESSION, 9});
+  Json bomb = line("bomb", "a");
+  bomb["target"] = "images/bomb.png";
+  const Folder out;
+  const std::string m = manifest("bomb.jsonl", {line("x", "a").dump(), bomb.dump(), line("y", "b").dump()});
+  const Results r = run(m, out.path("r.jsonl"), {"--memory", "64"}, 20);
+  EXPECT_EQ(r.at("x")["status"], "converged");
+  EXPECT_EQ(r.at("y")["status"], "converged");
+  const std::string reason = r.at("bomb")["reason"];
+  for (const char* piece : {"bomb.jsonl:2", "bomb.png (3000x3000)", "138 MiB", "the 64 of --memory", "give --memory 138"})
+    EXPECT_NE(reason.find(piece), std::string::npos) << piece << " in " << reason;
+  const Results pixels = run(m, out.path("p.jsonl"), {"--max-pixels", "8999999"}, 20);
+  EXPECT_NE(pixels.at("bomb")["reason"].get<std::string>().find("bomb.png is 3000x3000"), std::string::npos);
+  EXPECT_EQ(pixels.at("x")["status"], "converged");
 }
 
 TEST_F(Batch, LinesMayBeWrittenInManyWays) {
