@@ -102,7 +102,8 @@ void add_align(CLI::App& app, int& exit) {
   command->add_option("--out", options->out, "Folder for result.json, features.png, overlay.png and residual.png")
       ->check(not_empty)
       ->type_name("DIR");
-  command->add_flag("--json", options->json, "The result as JSON on standard output, and nothing else there");
+  command->add_flag("--json", options->json,
+                    "The result as JSON (docs/schema/result-1.json) on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the time went, on standard error");
   command->footer(std::string(kFooter) + kExitCodesHelp);
   command->callback([options, &exit] { run_align(*options, exit); });

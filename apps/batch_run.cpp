@@ -3,13 +3,18 @@
 #include <chrono>
 #include <new>
 
+#include "apps/report.h"
+#include "apps/version.h"
+
 namespace iclk {
 namespace {
 
 using Json = nlohmann::ordered_json;
 using Clock = std::chrono::steady_clock;
 
-Json error_body(const std::string& reason) { return {{"status", "error"}, {"reason", reason}}; }
+Json error_body(const std::string& reason) {
+  return {{"status", "error"}, {"reason", reason}, {"schema", kResultSchema}, {"version", version()}};
+}
 
 /// The pair alone, after the batch it was in threw: now the error is its own.
 Json align_alone(const AlignPairs& align, const PairInput& pair, const std::string& where) {

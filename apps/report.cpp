@@ -8,6 +8,7 @@
 #include "apps/io/pose_text.h"
 #include "apps/io/text.h"
 #include "apps/metrics.h"
+#include "apps/version.h"
 
 namespace iclk {
 namespace {
@@ -29,9 +30,17 @@ Json matrix(const Matrix& M) {
   return rows;
 }
 
-/// No covariance is not a covariance of zero.
+/// No covariance is not a covariance of zero: a refinement that ends in max_iterations has none.
+bool has_covariance(const RefinedAlignment& result) {
+  return usable(result.status) && (result.covariance.diagonal().array() > 0).all();
+}
+
 Matrix6d covariance_or_nan(const RefinedAlignment& result) {
-  return usable(result.status) ? result.covariance : Matrix6d::Constant(NAN);
+  return has_covariance(result) ? result.covariance : Matrix6d::Constant(NAN);
+}
+
+Json camera_json(const Camera& c) {
+  return {{"fx", c.fx}, {"fy", c.fy}, {"cx", c.cx}, {"cy", c.cy}, {"width", c.width}, {"height", c.height}};
 }
 
 /// Single precision, in as many digits as it has.
@@ -85,6 +94,15 @@ Json features(const PairInput& pair, const RefinedAlignment& result) {
                     {"u1", number(uv1.x())},
                     {"v1", number(uv1.y())},
                     {"status", feature_status(pair, result, i)}});
+    if (at < result.features.size()) {
+      const AlignedFeature& f = result.features[at];
+      const bool aligned = f.status == FeatureStatus::aligned;
+      list.back()["covariance"] = matrix(aligned ? f.covariance : Eigen::Matrix2d::Constant(NAN));
+    }
+    if (at < result.inverse_depth_sigma.size()) {
+      const double sigma = result.inverse_depth_sigma[at];
+      list.back()["inverse_depth_sigma"] = number(sigma > 0 ? sigma : NAN);
+    }
   }
   return list;
 }
@@ -179,7 +197,9 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
       {"load", number(pair.load_ms)}, {"detect", number(pair.detect_ms)},
       {"setup", number(t.setup)},     {"prepare", number(t.prepare)},
       {"align", number(t.align)},     {"total", number(pair.load_ms + pair.detect_ms + t.setup + t.prepare + t.align)}};
-  return {{"status", name(result.status)},
+  return {{"schema", kResultSchema},
+          {"version", version()},
+          {"status", name(result.status)},
           {"reason", result.reason},
           {"refined", result.refined},
           {"grey_weights", grey_weights(result)},
@@ -188,6 +208,9 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
           {"stages", stages(pair, result)},
           {"levels", levels(result.iclk)},
           {"features", features(pair, result)},
+          {"camera", camera_json(pair.camera)},
+          {"gain", number(result.iclk.gain)},
+          {"bias", number(result.iclk.bias)},
           {"visible_fraction", number(result.iclk.visible_fraction)},
           {"correlation", number(result.iclk.correlation)},
           {"agreement", number(result.iclk.agreement)},
@@ -232,8 +255,8 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   out += format("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
   out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
   out += format("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
-  if (usable(result.status)) {
-    const Eigen::Matrix<double, 6, 1> sigma = result.covariance.diagonal().cwiseMax(0.0).cwiseSqrt();
+  if (has_covariance(result)) {
+    const Eigen::Matrix<double, 6, 1> sigma = result.covariance.diagonal().cwiseSqrt();
     out += format("; 1 sigma %.2f mm, %.4f deg", 1e3 * sigma.head<3>().norm(), kDegrees * sigma.tail<3>().norm());
   }
   out += format("\nstatus     %s: %s\n", name(result.status), result.reason.c_str());
