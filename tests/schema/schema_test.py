@@ -23,7 +23,8 @@ def png(path, rows, bits):
     code = '>%d' + ('B' if bits == 8 else 'H')
     pixels = b''.join(b'\0' + struct.pack(code % len(row), *row) for row in rows)
     header = struct.pack('>IIBBBBB', len(rows[0]), len(rows), bits, 0, 0, 0, 0)
-    path.write_bytes(b'\x89PNG\r\n\x1a\n' + chunk(b'IHDR', header) + chunk(b'IDAT', zlib.compress(pixels)) + chunk(b'IEND', b''))
+    chunks = chunk(b'IHDR', header) + chunk(b'IDAT', zlib.compress(pixels)) + chunk(b'IEND', b'')
+    path.write_bytes(b'\x89PNG\r\n\x1a\n' + chunks)
 
 
 def texture(width, height):
@@ -98,8 +99,10 @@ class Schema(unittest.TestCase):
         self.check(json.loads((self.root / 'out/result.json').read_text()), 'aligned')
 
     def test_batch(self):
-        pair = {'reference': 'a.png', 'target': 'b.png', 'depth': 'd.png', 'depth_scale': 1000, 'camera': [150, 150, 79.5, 59.5]}
-        lines = [{**pair, 'id': 'good', 'truth': 'truth.txt', 'meta': {'frame': 3}}, {**pair, 'id': 'flat', 'target': 'flat.png'},
+        pair = {'reference': 'a.png', 'target': 'b.png', 'depth': 'd.png', 'depth_scale': 1000,
+                'camera': [150, 150, 79.5, 59.5]}
+        lines = [{**pair, 'id': 'good', 'truth': 'truth.txt', 'meta': {'frame': 3}},
+                 {**pair, 'id': 'flat', 'target': 'flat.png'},
                  {**pair, 'id': 'missing', 'target': 'none.png'}, {**pair, 'id': 'typo', 'depht': 'd.png'}]
         (self.root / 'm.jsonl').write_text('\n'.join(map(json.dumps, lines)) + '\n{"id": \n')
         for out, more in (('plain.jsonl', []), ('features.jsonl', ['--with-features'])):
@@ -111,7 +114,8 @@ class Schema(unittest.TestCase):
                 self.check(result, 'batch_error' if result['status'] == 'error' else 'batch_line')
                 self.assertEqual('features' in result, bool(more) and result['status'] != 'error')
             status = {result['id']: result['status'] for result in results}
-            self.assertEqual([status[i] for i in ('good', 'missing', 'typo', 'line 5')], ['converged', 'error', 'error', 'error'])
+            self.assertEqual([status[i] for i in ('good', 'missing', 'typo', 'line 5')],
+                             ['converged', 'error', 'error', 'error'])
             self.assertNotIn(status['flat'], ('converged', 'error'))
 
     def test_the_schema_is_not_satisfied_by_anything(self):
