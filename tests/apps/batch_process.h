@@ -1,5 +1,6 @@
 #pragma once
 #include <fcntl.h>
+#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -30,7 +31,7 @@ class Process {
     dup2(open(folder_.path("out").c_str(), O_WRONLY | O_CREAT, 0600), 1);
     dup2(open(folder_.path("err").c_str(), O_WRONLY | O_CREAT, 0600), 2);
     for (const int number : {SIGINT, SIGTERM})
-      std::signal(number, SIG_DFL);  // a script's background job begins with them ignored
+      std::signal(number, SIG_DFL);        // a script's background job begins with them ignored
     setenv("ICLK_MODEL", "classical", 0);  // most tests are about other things; `before` may unset it
     before();
     std::vector<char*> argv = {const_cast<char*>("iclk")};
@@ -44,6 +45,11 @@ class Process {
   }
 
   void signal(int number) const { kill(pid_, number); }
+  /// From now on it can write no file beyond so many bytes.
+  void limit_files(rlim_t bytes) const {
+    const rlimit limit = {bytes, bytes};
+    EXPECT_EQ(prlimit(pid_, RLIMIT_FSIZE, &limit, nullptr), 0);
+  }
   bool ended() {
     if (!ended_ && waitpid(pid_, &status_, WNOHANG) == pid_) ended_ = true;
     return ended_;

@@ -1,6 +1,4 @@
 // `iclk render` as a process: sets on the disk, killed and continued; single views; bad input.
-#include <sys/resource.h>
-
 #include <opencv2/imgcodecs.hpp>
 
 #include "apps/batch_manifest.h"
@@ -21,6 +19,7 @@ using test::count_lines;
 using test::Folder;
 using test::GeoTiff;
 using test::Process;
+using test::wait_until;
 namespace fs = std::filesystem;
 
 std::vector<std::string> pairs(const std::string& out, int count, std::vector<std::string> more = {}) {
@@ -183,17 +182,22 @@ TEST(PairSets, AFullDiskIsSaidAndTheSetGoesOn) {
   ICLK_NEED_DEVICE();
   const Folder folder;
   const std::string set = folder.path("set");
-  Process full(pairs(set, 2), [] {
-    std::signal(SIGXFSZ, SIG_IGN);
-    const rlimit limit = {20000, 20000};
-    setrlimit(RLIMIT_FSIZE, &limit);
-  });
+  // The disk is full after the first pair; not before it, for Mesa 25 keeps the device's memory in files.
+  Process full(pairs(set, 500), [] { std::signal(SIGXFSZ, SIG_IGN); });
+  ASSERT_TRUE(wait_until([&] { return fs::exists(set + "/pairs.jsonl") && count_lines(set + "/pairs.jsonl") > 0; }));
+  full.limit_files(20000);
   EXPECT_EQ(full.wait(), kIo) << full.err();
-  EXPECT_NE(full.err().find("000000_0.png"), std::string::npos) << full.err();
-  EXPECT_EQ(count_lines(set + "/pairs.jsonl"), 0);
-  EXPECT_TRUE(fs::is_empty(set + "/images"));
-  run(pairs(set, 2));
-  EXPECT_EQ(count_lines(set + "/pairs.jsonl"), 2);
+  const int whole = count_lines(set + "/pairs.jsonl");
+  EXPECT_LT(whole, 500);
+  char next[16];
+  std::snprintf(next, sizeof next, "/%06d_", whole);
+  EXPECT_NE(full.err().find("cannot write " + set + "/images" + next), std::string::npos) << full.err();
+  for (const auto& entry : fs::directory_iterator(set + "/images")) {
+    EXPECT_EQ(entry.path().extension(), ".png") << entry.path();
+    EXPECT_NO_THROW(load_image(entry.path().string()));
+  }
+  run(pairs(set, whole + 1));
+  EXPECT_EQ(count_lines(set + "/pairs.jsonl"), whole + 1);
 }
 
 /// A plane of 200 x 200 m in two GeoTIFF files.
