@@ -1,0 +1,2 @@
+// See CMakeLists.txt: precompiled headers belong to a program.
+int main() {}
