@@ -15,7 +15,9 @@ endfunction()
 function(iclk_warnings target)
   target_compile_options(${target} PRIVATE -Wall -Wextra)
   # g++ 12 sees copies that overlap or are endless in `"text" + std::string` (GCC bug 105651).
-  target_compile_options(${target} PRIVATE $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict -Wno-stringop-overflow>)
+  target_compile_options(${target} PRIVATE
+    $<$<CXX_COMPILER_ID:GNU>:-Wno-restrict> $<$<CXX_COMPILER_ID:GNU>:-Wno-stringop-overflow>
+    $<$<CXX_COMPILER_ID:GNU>:-Wno-array-bounds>)
   if(ICLK_WERROR)
     target_compile_options(${target} PRIVATE -Werror)
   endif()
