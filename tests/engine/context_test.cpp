@@ -98,7 +98,7 @@ TEST(Context, SynchronizationValidationIsReallyOn) {
   device()->vk().CmdFillBuffer(commands, memory[id].handle, 0, 1024, 2);
   submission.end();
   ASSERT_FALSE(expect.messages().empty());
-  const std::string& said = expect.messages()[0];
+  const std::string said = expect.messages()[0];
   // The layer of Debian 12 names the rule, that of Debian 13 only says what is wrong.
   EXPECT_TRUE(said.find("SYNC-HAZARD-WRITE-AFTER-WRITE") != std::string::npos ||
               said.find("WRITE_AFTER_WRITE hazard") != std::string::npos)
