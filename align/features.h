@@ -13,7 +13,8 @@ namespace iclk {
 struct Features {
   std::vector<Eigen::Vector2d> uv;    ///< N pixels of level 0
   std::vector<double> inverse_depth;  ///< N
-  /// N standard deviations of inverse_depth, or empty: unknown. Only the structure refinement reads them.
+  /// N standard deviations of inverse_depth, or empty; what is not positive is unknown. The refinement weighs by them and has
+  /// them in its covariance; where they are unknown it estimates one from its residuals.
   std::vector<double> inverse_depth_sigma;
 
   int size() const { return static_cast<int>(uv.size()); }

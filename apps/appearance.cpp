@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
@@ -165,22 +166,26 @@ cv::Mat changed(const MotionBlur& c, const cv::Mat& image) {
   return each_value(out, [](float x) { return x; });  // rounding may leave [0, 1]
 }
 
+/// Standard deviation 1, from 128 bits.
+double near_normal(uint64_t seed, uint64_t i) {
+  int sum = 0;
+  for (const uint64_t word : {counter_word(seed, 2 * i), counter_word(seed, 2 * i + 1)})
+    for (int shift = 0; shift < 64; shift += 16) sum += static_cast<int>(word >> shift & 0xFFFF);
+  return (sum - 4 * 65535) / (65536 * std::sqrt(8 / 12.0));
+}
+
 cv::Mat changed(const Noise& c, const cv::Mat& image) {
   cv::Mat out(image.size(), image.type());
   const int channels = image.channels();
-  const double spread = 65536 * std::sqrt(8 / 12.0);  // of the sum of eight
   for (int v = 0; v < image.rows; ++v)
     for (int u = 0; u < image.cols; ++u)
       for (int k = 0; k < channels; ++k) {
         const uint64_t i = (static_cast<uint64_t>(v) * static_cast<uint64_t>(image.cols) + static_cast<uint64_t>(u)) *
                                static_cast<uint64_t>(channels) +
                            static_cast<uint64_t>(k);
-        int sum = 0;
-        for (const uint64_t word : {counter_word(c.seed, 2 * i), counter_word(c.seed, 2 * i + 1)})
-          for (int shift = 0; shift < 64; shift += 16) sum += static_cast<int>(word >> shift & 0xFFFF);
         const int at = u * channels + (channels - 1 - k);  // BGR in memory
-        const double x = image.ptr<float>(v)[at], normal = (sum - 4 * 65535) / spread;
-        out.ptr<float>(v)[at] = clamped(static_cast<float>(x + std::sqrt(c.sigma * c.sigma + c.shot * x) * normal));
+        const double x = image.ptr<float>(v)[at], sigma = std::sqrt(c.sigma * c.sigma + c.shot * x);
+        out.ptr<float>(v)[at] = clamped(static_cast<float>(x + sigma * near_normal(c.seed, i)));
       }
   return out;
 }
@@ -209,7 +214,50 @@ cv::Mat changed(const Shadow& c, const cv::Mat& image) {
   return each_place(image, light, [](float x, float g) { return x * g; });
 }
 
+double wave(double turns) { return std::sin(2 * std::numbers::pi * turns); }
+
+cv::Mat changed(const Haze& c, const cv::Mat& image) {
+  const Frame frame(image);
+  const auto clear = [&](int u, int v) {
+    return std::exp(-c.density * 0.5 * (1 + wave(c.kx * u / frame.w + c.ky * v / frame.h + c.phase)));
+  };
+  return each_place(image, clear, [light = static_cast<float>(c.light)](float x, float g) { return x * g + light * (1 - g); });
+}
+
+cv::Mat changed(const Flicker& c, const cv::Mat& image) {
+  const Frame frame(image);
+  const auto gain = [&](int, int v) { return 1 + c.amount * wave(c.periods * v / frame.h + c.phase); };
+  return each_place(image, gain, [](float x, float g) { return x * g; });
+}
+
+cv::Mat changed(const Banding& c, const cv::Mat& image) {
+  std::vector<double> columns, rows;
+  for (int u = 0; u < image.cols; ++u) columns.push_back(c.sigma * near_normal(c.seed, static_cast<uint64_t>(u)));
+  for (int v = 0; v < image.rows; ++v) rows.push_back(c.sigma * near_normal(c.seed, static_cast<uint64_t>(image.cols + v)));
+  const auto offset = [&](int u, int v) { return columns[static_cast<size_t>(u)] + rows[static_cast<size_t>(v)]; };
+  return each_place(image, offset, [](float x, float g) { return x + g; });
+}
+
+cv::Mat changed(const ToneMap& c, const cv::Mat& image) {
+  cv::Mat base(image.size(), CV_32FC1);
+  for (int v = 0; v < image.rows; ++v)
+    for (int u = 0; u < image.cols; ++u)
+      base.at<float>(v, u) = image.channels() == 1 ? image.at<float>(v, u) : grey(image.at<cv::Vec3f>(v, u));
+  cv::GaussianBlur(base, base, {}, std::max(c.radius * Frame(image).diagonal, 0.5), 0, cv::BORDER_REFLECT_101);
+  const auto gain = [&](int u, int v) { return std::pow(0.5 / (0.05 + base.at<float>(v, u)), c.amount); };
+  return each_place(image, gain, [](float x, float g) { return x * g; });
+}
+
 using Json = nlohmann::ordered_json;
+
+Json parameters(const Haze& c) {
+  return {{"change", "haze"}, {"density", c.density}, {"light", c.light}, {"kx", c.kx}, {"ky", c.ky}, {"phase", c.phase}};
+}
+Json parameters(const Flicker& c) {
+  return {{"change", "flicker"}, {"amount", c.amount}, {"periods", c.periods}, {"phase", c.phase}};
+}
+Json parameters(const Banding& c) { return {{"change", "banding"}, {"sigma", c.sigma}, {"seed", c.seed}}; }
+Json parameters(const ToneMap& c) { return {{"change", "tone_map"}, {"amount", c.amount}, {"radius", c.radius}}; }
 
 Json parameters(const Jitter& c) {
   return {{"change", "jitter"},     {"order", c.order},           {"brightness", c.brightness},

@@ -77,7 +77,33 @@ struct Shadow {
   double darkness = 0;
 };
 
-using Change = std::variant<Jitter, Exposure, Gamma, Vignetting, Flare, MotionBlur, Noise, Jpeg, Shadow>;
+// What no training and no choice of iclk's has seen: the family `unseen` of sealed sets (docs/evaluation.md).
+
+/// x e^-b + light (1 - e^-b), b = density (1 + sin(2 pi (k . (x, y) + phase))) / 2: haze that is thicker here than there.
+struct Haze {
+  double density = 0, light = 0.85;
+  double kx = 0, ky = 0, phase = 0;  ///< periods across the image and down it, turns
+};
+
+/// x (1 + amount sin(2 pi (periods y + phase))): a lamp's flicker under a rolling shutter.
+struct Flicker {
+  double amount = 0, periods = 1, phase = 0;
+};
+
+/// x + n of the column + n of the row, each near normal with standard deviation sigma, as Noise's of counter_word(seed, 2 i)
+/// and its next, i = column, then width + row.
+struct Banding {
+  double sigma = 0;
+  uint64_t seed = 0;
+};
+
+/// x (0.5 / (0.05 + b))^amount, b the blurred grey (standard deviation `radius`): local tone mapping.
+struct ToneMap {
+  double amount = 0, radius = 0.08;
+};
+
+using Change =
+    std::variant<Jitter, Exposure, Gamma, Vignetting, Flare, MotionBlur, Noise, Jpeg, Shadow, Haze, Flicker, Banding, ToneMap>;
 
 cv::Mat apply_change(const Change& change, const cv::Mat& image);
 

@@ -79,6 +79,48 @@ constexpr Kind kSevere[] = {
     {"jpeg", [](double s, Random&) -> Change { return Jpeg{static_cast<int>(std::lround(95 - 87 * s))}; }},
 };
 
+constexpr Kind kUnseen[] = {
+    {"haze",
+     [](double s, Random& r) -> Change {
+       Haze c;
+       c.density = 2.5 * s;
+       c.kx = r.uniform(-1.5, 1.5);
+       c.ky = r.uniform(-1.5, 1.5);
+       c.phase = r.uniform();
+       return c;
+     }},
+    {"flicker",
+     [](double s, Random& r) -> Change {
+       Flicker c;
+       c.amount = 0.5 * s;
+       c.periods = r.uniform(0.5, 4);
+       c.phase = r.uniform();
+       return c;
+     }},
+    {"banding",
+     [](double s, Random& r) -> Change {
+       return Banding{0.04 * s, r.word()};
+     }},
+    {"tone_map",
+     [](double s, Random& r) -> Change {
+       return ToneMap{0.8 * s, r.uniform(0.04, 0.12)};
+     }},
+};
+
+/// Each with probability 1/2, at least one.
+std::vector<Change> draw_some(std::span<const Kind> kinds, double strength, Random& random) {
+  std::vector<Change> all, taken;
+  for (const Kind& kind : kinds) {
+    const bool take = random.uniform() < 0.5;
+    const double own_strength = strength * random.uniform(0.2, 0.7);
+    Random own(random.word());
+    all.push_back(kind.draw(own_strength, own));
+    if (take) taken.push_back(all.back());
+  }
+  if (taken.empty()) taken.push_back(all[static_cast<size_t>(random.below(static_cast<int>(all.size())))]);
+  return taken;
+}
+
 }  // namespace
 
 const std::vector<std::string>& appearance_kinds() {
@@ -103,13 +145,15 @@ AppearanceSpec parse_appearance(const std::string& text) {
     return spec;
   }
   const auto& kinds = appearance_kinds();
-  if (std::find(kinds.begin(), kinds.end(), spec.kind) == kinds.end()) {
+  const bool family = spec.kind == "severe" || spec.kind == "unseen";
+  if (!family && std::find(kinds.begin(), kinds.end(), spec.kind) == kinds.end()) {
     std::string all = "clean";
     for (const std::string& kind : kinds) all += ", " + kind;
+    all += ", unseen";
     fail("the kind is one of " + all + ", with a strength behind a colon, such as jitter:0.4");
   }
   if (colon == std::string::npos) {
-    if (spec.kind != "severe") fail("a strength is needed, such as " + spec.kind + ":0.4");
+    if (!family) fail("a strength is needed, such as " + spec.kind + ":0.4");
     spec.strength = 1;
     return spec;
   }
@@ -141,16 +185,8 @@ std::vector<Change> draw_changes(const AppearanceSpec& spec, uint64_t seed) {
   if (spec.kind == "jitter") return {draw_jitter(spec.strength, random)};
   for (const Kind& kind : kSevere)
     if (spec.kind == kind.name) return {kind.draw(spec.strength, random)};
-  std::vector<Change> all, taken;
-  for (const Kind& kind : kSevere) {
-    const bool take = random.uniform() < 0.5;
-    const double strength = spec.strength * random.uniform(0.2, 0.7);
-    Random own(random.word());
-    all.push_back(kind.draw(strength, own));
-    if (take) taken.push_back(all.back());
-  }
-  if (taken.empty()) taken.push_back(all[static_cast<size_t>(random.below(static_cast<int>(all.size())))]);
-  return taken;
+  if (spec.kind == "unseen") return draw_some(kUnseen, spec.strength, random);
+  return draw_some(kSevere, spec.strength, random);
 }
 
 }  // namespace iclk

@@ -90,6 +90,7 @@ PairInput PairLoader::load(const PairFiles& files) const {
   }
   pair.load_ms = ms_since(start);
   if (files.features.empty()) detect_missing_features(pair, options_.detector, seen);
+  options_.depth_sigma.apply(pair.camera, pair.features);
   return pair;
 }
 

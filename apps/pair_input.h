@@ -11,6 +11,7 @@
 
 #include "apps/detect.h"
 #include "apps/io/camera_file.h"
+#include "apps/io/depth_sigma.h"
 #include "apps/io/distortion.h"
 #include "apps/io/images.h"
 
@@ -28,6 +29,7 @@ struct InputOptions {
   CameraFile camera;
   std::optional<Distortion> distortion;  ///< in place of the camera file's
   double depth_scale = 0;                ///< raw units a metre; 0: the camera file's
+  DepthSigma depth_sigma;
   DetectorOptions detector;
   uint64_t max_pixels = kMaxPixels;  ///< of an image or a depth image
 };

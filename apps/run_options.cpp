@@ -128,6 +128,11 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
   command.add_option("--depth-scale", depth_scale,
                      "Raw units a metre of 16-bit depth (TUM RGB-D 5000, millimetres 1000); default: camera.txt's");
   command
+      .add_option("--depth-sigma", depth_sigma,
+                  "How wrong depths are, where features bring no sigma: auto (estimated from the pair), 1.5% (of the depth), "
+                  "stereo:PX,BASELINE (sigma of the disparity, metres), structured-light, rendered (exact)")
+      ->capture_default_str();
+  command
       .add_option("--max-pixels", max_pixels,
                   "Most pixels of an image: a larger one is refused by its header, before its pixels take memory")
       ->capture_default_str()
@@ -149,6 +154,7 @@ InputOptions LoadOptions::input() const {
   if (depth_scale != 0 && !(std::isfinite(depth_scale) && depth_scale > 0))
     throw Error(ErrorCode::invalid_argument, "--depth-scale " + std::to_string(depth_scale) + " must be positive");
   options.depth_scale = depth_scale;
+  options.depth_sigma = parse_depth_sigma(depth_sigma);
   options.max_pixels = max_pixels;
   options.detector = features;
   options.detector.detector = parse_detector(detector);

@@ -3,9 +3,11 @@
 Every random number is a function of the recipe's seed and of where it is used (step, place in the batch), so that a run that
 is stopped anywhere goes on with the same samples, whatever reads ahead.
 """
+import hashlib
 import json
 import math
 import os
+import re
 
 import cv2
 import numpy as np
@@ -71,7 +73,18 @@ def parse_line(where, line, folder):
         pair['R'], pair['t'] = pose(entry['truth'])
     except (ValueError, TypeError) as e:
         refuse(f'truth is no pose ({e}); give a 4x4 matrix or a line tx ty tz qx qy qz qw')
+    pair['strip'] = rendered_strip(pair, entry.get('meta'))
     return pair
+
+
+def rendered_strip(pair, meta):
+    """From where to where, in metres eastwards, a rendered pair sees its map; None for pairs that were not rendered."""
+    try:
+        x = [float(np.array(meta[key], float)[0][3]) for key in ('T_W0', 'T_W1')]
+        half = 1.2 * float(meta['altitude']) * pair['camera'][2] / pair['camera'][0]
+        return min(x) - half, max(x) + half
+    except (TypeError, KeyError, ValueError, IndexError):
+        return None
 
 
 class PairSet:
@@ -100,6 +113,24 @@ class PairSet:
             pass
 
 
+def refuse_shared_images(sets, tests):
+    """A test on what was trained on proves nothing. Files are told apart by what is in them."""
+    def images(of):
+        return {pair[key]: s.path for s in of for pair in s.pairs for key in ('reference', 'target')}
+
+    def digest(path):
+        try:
+            with open(path, 'rb') as file:
+                return hashlib.sha256(file.read()).digest()
+        except OSError:
+            return path  # read_image says so when its turn comes
+    known = {digest(path): path for path in images(sets)} if tests else {}
+    for path, test in images(tests).items():
+        if digest(path) in known:
+            raise InputError(f'{test}: its image {path} is that of {known[digest(path)]}, which is trained on; a test needs images '
+                             'of its own')
+
+
 def read_image(path, flags, what):
     image = cv2.imread(path, flags)
     if image is None:
@@ -122,20 +153,34 @@ def read_pair(pair):
     return images, np.where(np.isfinite(depth) & (depth > 0), depth, np.float32(0))
 
 
+def strips(pairs):
+    """Where each pair lies along a line: of the map it was rendered from, else of the frames, in the order of their names."""
+    if all(pair['strip'] for pair in pairs):
+        return [pair['strip'] for pair in pairs]
+    def natural(path):
+        return [int(x) if x.isdigit() else x for x in re.split(r'(\d+)', path)]
+    frames = {path: i for i, path in enumerate(sorted({p[key] for p in pairs for key in ('reference', 'target')}, key=natural))}
+    return [tuple(sorted((frames[p['reference']], frames[p['target']]))) for p in pairs]
+
+
 def split(sets, share):
-    """Training and validation pairs: by a hash of the ids, so that it does not depend on the order of the sets."""
+    """Training and validation pairs. What validates lies at the end of each set, by place or by frames, and what reaches across
+    the cut is left out: no image and no piece of ground is in both. Does not depend on the order of the sets or their lines."""
     training, validation = [], []
 
     def rank(pair):
         return appearance.counter_word(appearance.fnv1a(pair['id']), 0)
     for s in sets:
-        order = sorted(s.pairs, key=rank)
-        count = max(1, round(share * len(order)))
-        if count == len(order):
-            raise InputError(f'{s.path}: has {len(order)} pair, two or more are needed: one of them validates')
-        validation += order[:count]
-        training += order[count:]
-    return training, sorted(validation, key=rank)  # the first ones are of all sets
+        where = dict(zip(map(id, s.pairs), strips(s.pairs)))
+        starts = sorted((strip[0] for strip in where.values()), reverse=True)
+        cut = starts[max(1, round(share * len(starts))) - 1]
+        before = [pair for pair in s.pairs if where[id(pair)][1] < cut]
+        if not before:
+            raise InputError(f'{s.path}: none of its {len(s.pairs)} pairs lies apart from those that validate; more pairs are '
+                             'needed, or more ground or frames that they do not share')
+        training += before
+        validation += [pair for pair in s.pairs if where[id(pair)][0] >= cut]
+    return sorted(training, key=rank), sorted(validation, key=rank)  # the first ones are of all sets
 
 
 def motion(pairs):
@@ -214,6 +259,11 @@ def collate(samples, what):
     return {key: torch.stack([s[key] for s in samples]) for key in samples[0]}
 
 
+def epoch_samples(pairs, recipe):
+    """Samples of an epoch: every variant of every pair, as in the paper; every pair where each draw is a new one."""
+    return len(pairs) * max(1, recipe['data']['variants'])
+
+
 class TrainingBatches(torch.utils.data.Dataset):
     """Item k is the batch of step k."""
 
@@ -221,15 +271,15 @@ class TrainingBatches(torch.utils.data.Dataset):
         self.pairs, self.recipe = pairs, recipe
 
     def __getitem__(self, step):
-        batch, count, seed = self.recipe['data']['batch'], len(self.pairs), self.recipe['seed']
+        batch, variants, seed = self.recipe['data']['batch'], self.recipe['data']['variants'], self.recipe['seed']
+        count = epoch_samples(self.pairs, self.recipe)
         samples = []
         for k in range(step * batch, (step + 1) * batch):
             epoch, place = divmod(k, count)
-            index = int(np.random.default_rng([seed, 0, epoch]).permutation(count)[place])
-            variants = self.recipe['data']['variants']
+            sample = int(np.random.default_rng([seed, 0, epoch]).permutation(count)[place])
+            pair, variant = divmod(sample, variants) if variants else (sample, epoch)
             rng = np.random.default_rng([seed, 1, k])
-            variant = int(rng.integers(variants)) if variants else epoch
-            samples.append(make_sample(self.pairs[index], self.recipe, rng, variant, centred=False))
+            samples.append(make_sample(self.pairs[pair], self.recipe, rng, variant, centred=False))
         return collate(samples, 'training')
 
 

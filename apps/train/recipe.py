@@ -106,6 +106,7 @@ def check(recipe):
     need(recipe['schedule']['epochs'] >= 0, 'schedule.epochs', 'must not be negative')
     need(recipe['schedule']['steps'] >= 1, 'schedule.steps', 'must be 1 or more')
     need(recipe['validation']['every'] >= 1, 'validation.every', 'must be 1 or more')
+    need(recipe['validation']['epochs'] >= 0, 'validation.epochs', 'must not be negative')
     need(recipe['validation']['pairs'] >= 1, 'validation.pairs', 'must be 1 or more')
     need(0 <= recipe['export']['carry'] <= 1, 'export.carry', 'must lie in 0 to 1')
     need(1 <= recipe['export']['iterations'] <= 100, 'export.iterations', 'must lie in 1 to 100')

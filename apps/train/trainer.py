@@ -10,7 +10,7 @@ import torch
 
 import curves
 import losses
-from data import FixedBatches, PairSet, TrainingBatches, motion, split
+from data import FixedBatches, PairSet, TrainingBatches, epoch_samples, motion, refuse_shared_images, split
 from network import TrainedNetwork, export, take_model
 from recipe import InputError, difference
 from run_folder import RunFolder, load_checkpoint, write_text
@@ -34,15 +34,19 @@ class Trainer:
         self.recipe, self.device, self.workers = recipe, device, workers
         self.folder = RunFolder(out)
         sets, tests = [PairSet(path) for path in sets], [PairSet(path) for path in tests]
+        refuse_shared_images(sets, tests)
         self.training, validation = split(sets, recipe['data']['validation_share'])
         fixed = {'validation': validation, 'test': [pair for s in in_turn(tests) for pair in s]}
         self.fixed = {part: FixedBatches(pairs, recipe, part) for part, pairs in fixed.items() if pairs}
         all_pairs = [[p['id'], p['R'].tolist(), p['t'].tolist()] for p in self.training + validation + fixed['test']]
         self.data = {'hash': hashlib.sha256(repr(all_pairs).encode()).hexdigest(), 'training': len(self.training),
-                     'validation': len(validation), 'test': len(fixed['test']), 'about': ', '.join(s.about for s in sets)}
+                     'validation': len(validation), 'test': len(fixed['test']), 'about': ', '.join(s.about for s in sets),
+                     'left_out': sum(len(s.pairs) for s in sets) - len(self.training) - len(validation)}
         self.motion = motion(self.training)
         batch, schedule = recipe['data']['batch'], recipe['schedule']
-        self.epoch_steps = len(self.training) / batch
+        self.epoch_steps = epoch_samples(self.training, recipe) / batch
+        validation_epochs = recipe['validation']['epochs']
+        self.every = math.ceil(validation_epochs * self.epoch_steps) if validation_epochs else recipe['validation']['every']
         self.steps = math.ceil(schedule['epochs'] * self.epoch_steps) if schedule['epochs'] else schedule['steps']
 
         torch.manual_seed(recipe['seed'])
@@ -196,7 +200,8 @@ class Trainer:
         d = self.data
         parameters = sum(p.numel() for p in self.network.parameters())
         self.say(f'recipe {self.recipe["name"]}: {parameters} parameters, {d["training"]} training, '
-                 f'{d["validation"]} validation, {d["test"]} test pairs; {self.steps} steps on {self.device}'
+                 f'{d["validation"]} validation, {d["test"]} test pairs, {d["left_out"]} left out between; '
+                 f'{self.steps} steps on {self.device}'
                  + (f', going on at step {self.step}' if self.step else ''), keep=True)
         begin = saved = shown = time.monotonic()
         first, mean = self.step, None
@@ -211,7 +216,7 @@ class Trainer:
                 if not self.stopping:
                     raise
                 return self.stopped()
-            if self.step % self.recipe['validation']['every'] == 0 or self.step == self.steps:
+            if self.step % self.every == 0 or self.step == self.steps:
                 self.validate()
                 saved = time.monotonic()
             now = time.monotonic()

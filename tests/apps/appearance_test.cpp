@@ -163,6 +163,25 @@ TEST(Severe, ShadowDarkensItsRectangleAndNothingElse) {
   EXPECT_NEAR(out.at<float>(75, 100 + 25), 0.5, 0.01) << "half way on the edge";
 }
 
+TEST(Unseen, HazeVeilsFlickerWavesBandsAreStraightTonesAreEven) {
+  const cv::Mat image = grey_image(101, 81, 0.25);
+  const cv::Mat hazy = apply_change(Haze{1.5, 0.85, 0, 0, 0.25}, image);  // as thick as it gets, everywhere
+  EXPECT_NEAR(hazy.at<float>(40, 50), 0.25 * std::exp(-1.5) + 0.85 * (1 - std::exp(-1.5)), 1e-6);
+  const cv::Mat flickers = apply_change(Flicker{0.4, 1, 0}, image);
+  EXPECT_NEAR(flickers.at<float>(20, 3), 0.35, 1e-6) << "a quarter of the period down";
+  EXPECT_NEAR(flickers.at<float>(60, 90), 0.15, 1e-6);
+  const cv::Mat bands = apply_change(Banding{0.05, 7}, image) - image;
+  EXPECT_NEAR(bands.at<float>(10, 5) - bands.at<float>(10, 6), bands.at<float>(70, 5) - bands.at<float>(70, 6), 1e-6);
+  cv::Scalar mean, sigma;
+  cv::meanStdDev(bands, mean, sigma);
+  EXPECT_NEAR(sigma[0], 0.05 * std::sqrt(2.0), 0.015);
+  cv::Mat halves = grey_image(200, 50, 0.1);
+  halves.colRange(100, 200).setTo(0.8);
+  const cv::Mat even = apply_change(ToneMap{0.5, 0.05}, halves);
+  EXPECT_LT(even.at<float>(25, 195) / even.at<float>(25, 5), 4) << "they were 8 times apart";
+  EXPECT_GT(even.at<float>(25, 195), even.at<float>(25, 5));
+}
+
 TEST(ChangedImage, KeepsTypesAndRounds) {
   const cv::Mat image(2, 2, CV_8UC3, cv::Scalar(10, 100, 202));
   const std::vector<Change> half = {Exposure{-1, 0}};
@@ -261,6 +280,20 @@ TEST(AppearanceDraw, SevereTakesHalfOfTheEightInTheirOrder) {
     }
   }
   for (const std::string& name : order) EXPECT_NEAR(counts[name], 200, 50) << name;
+}
+
+TEST(AppearanceDraw, UnseenIsOfItsOwnFamilyAndInNoSweep) {
+  const std::vector<std::string> family = {"haze", "flicker", "banding", "tone_map"};
+  std::map<std::string, int> counts;
+  for (int variant = 0; variant < 400; ++variant)
+    for (const Change& c : draw_changes(parse_appearance("unseen"), appearance_seed(5, "p", variant, Side::target)))
+      ++counts[to_json(c)["change"]];
+  EXPECT_EQ(counts.size(), family.size());
+  for (const std::string& name : family) EXPECT_NEAR(counts[name], 210, 50) << name;
+  const auto& kinds = appearance_kinds();
+  EXPECT_EQ(std::count(kinds.begin(), kinds.end(), "unseen"), 0);
+  EXPECT_EQ(to_text(parse_appearance("unseen:0.5")), "unseen:0.5");
+  expect_error([] { parse_appearance("haze:1"); }, ErrorCode::invalid_argument, {"haze"});
 }
 
 TEST(AppearanceDraw, MoreStrengthIsMoreChange) {

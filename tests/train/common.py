@@ -31,8 +31,9 @@ pairs = 4
 '''
 
 
-def render(folder, pairs=8):
-    command = [ICLK, 'render', '--terrain', 'procedural:3', '--size', '188x120', '--pairs', str(pairs), '--out', folder]
+def render(folder, pairs=12, seed=0):
+    command = [ICLK, 'render', '--terrain', 'procedural:3', '--size', '188x120', '--pairs', str(pairs), '--seed', str(seed),
+               '--out', folder]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode == 5 and os.environ.get('ICLK_ALLOW_NO_DEVICE') == '1':
         raise unittest.SkipTest(done.stderr)
