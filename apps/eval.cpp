@@ -48,8 +48,8 @@ const char* const kFooter =
     "  iclk eval set --baselines --out report\n"
     "  iclk eval set --appearance clean,jitter:0.4,severe --variants 2 --solver device --out report\n"
     "  iclk eval set/pairs.jsonl --model model.safetensors --appearance jitter:0.4 --variants 1 --apply both --seed 1\n"
-    "  iclk eval set --appearance severe --variants 1 --export pairs         # for another program; its poses go to "
-    "other.jsonl\n"
+    "  iclk eval set --appearance severe --variants 1 --export pairs               # for another program, here iclk again\n"
+    "  iclk batch pairs/pairs.jsonl --model classical --out other.jsonl\n"
     "  iclk eval set --appearance severe --variants 1 --peer-results other=other.jsonl\n"
     "  iclk eval set --sweep noise,shadow --strengths 0.5,1 --variants 1 --out report\n"
     "\n";

@@ -51,7 +51,7 @@ TEST(BatchRun, ALostDeviceMarksNoPairAsFailed) {
   const Manifest manifest = manifest_of(folder, 7);
   for (const ErrorCode code : {ErrorCode::device_lost, ErrorCode::out_of_memory, ErrorCode::vulkan}) {
     const std::string path = folder.path("r" + std::to_string(static_cast<int>(code)));
-    std::set<std::string> aligned;  // which four: whatever was decoded first
+    std::set<std::string> aligned;  // whatever was decoded first; of a busy machine a call may get one pair instead of two
     {
       ResultsJournal journal(path, manifest, {Json::object(), "v"}, [](const Json&) {});
       Tally tally;
@@ -73,12 +73,13 @@ TEST(BatchRun, ALostDeviceMarksNoPairAsFailed) {
       ASSERT_TRUE(outcome.lost);
       EXPECT_EQ(outcome.lost->code(), code);
       EXPECT_EQ(calls, 3);
-      EXPECT_EQ(outcome.done, 4);
+      EXPECT_EQ(outcome.done, static_cast<int>(aligned.size()));
+      EXPECT_GE(outcome.done, 2);
       EXPECT_EQ(tally.count("error"), 0);
     }
     int seen = 0;
     const ResultsJournal again(path, manifest, {Json::object(), "v"}, [&](const Json&) { ++seen; });
-    EXPECT_EQ(seen, 4);
+    EXPECT_EQ(seen, static_cast<int>(aligned.size()));
     for (const ManifestLine& line : manifest.lines) EXPECT_EQ(again.has(line.id), aligned.contains(line.id)) << line.id;
   }
 }
