@@ -127,8 +127,8 @@ def refuse_shared_images(sets, tests):
     known = {digest(path): path for path in images(sets)} if tests else {}
     for path, test in images(tests).items():
         if digest(path) in known:
-            raise InputError(f'{test}: its image {path} is that of {known[digest(path)]}, which is trained on; a test needs images '
-                             'of its own')
+            raise InputError(f'{test}: its image {path} is that of {known[digest(path)]}, which is trained on; '
+                             'a test needs images of its own')
 
 
 def read_image(path, flags, what):
