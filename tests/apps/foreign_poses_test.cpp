@@ -76,7 +76,8 @@ TEST(EvalCommand, ExportedPairsAndTheirPosesGiveTheSameTables) {
   ASSERT_EQ(batch.code, kConverged) << batch.err;
   const Finished eval = with({"--peer-results", "elsewhere=" + results, "--json"});
   ASSERT_EQ(eval.code, kConverged) << eval.err;
-  for (const auto& block : nlohmann::json::parse(eval.out)["blocks"]) {
+  const auto tables = nlohmann::json::parse(eval.out);
+  for (const auto& block : tables["blocks"]) {
     ASSERT_EQ(block["methods"].size(), 2u);
     const auto& ours = block["methods"][0];
     const auto& others = block["methods"][1];

@@ -40,7 +40,9 @@ TEST_F(Report, NoCovarianceIsNotZero) {
     EXPECT_EQ(json()["covariance"][0][0], 4.0);
     EXPECT_NE(to_table(pair_, result_, *session_).find("1 sigma"), std::string::npos);
     result_.covariance.setZero();  // a refinement whose iterations were used up leaves it so
-    for (const auto& row : json()["covariance"])
+    const auto covariance = json()["covariance"];
+    ASSERT_EQ(covariance.size(), 6u);
+    for (const auto& row : covariance)
       for (const auto& value : row) EXPECT_TRUE(value.is_null());
     EXPECT_EQ(to_table(pair_, result_, *session_).find("1 sigma"), std::string::npos);
   }
