@@ -33,6 +33,9 @@ struct Pair {
   SE3 T_10;           ///< first guess
   std::optional<PosePrior> prior;
   bool search = true;  ///< false: begin at the guess though AlignerOptions::search is enabled
+  /// r8, of the target's size: pixels that are 0 are hidden, like those outside the image: what moves by itself, the own
+  /// vehicle, the border of an undistorted image. Empty: none. Needs Plan::target_masks.
+  ImageView target_mask = {};
 };
 
 /// SD-6DoF-ICLK over batches of pairs. One thread at a time.

@@ -46,10 +46,13 @@ CpuAligner::CpuAligner(const Plan& plan, const AlignerOptions& options, std::sha
 
 CpuAligner::~CpuAligner() = default;
 
-CpuAligner::Maps CpuAligner::maps_of(const ImageView& image) const {
-  if (!model_) return {grey_pyramid(image, options_.levels), {}};
-  return {grey_pyramid(image, std::min(options_.levels, kFeatureAlignmentLevels)),
-          internal::encode(*model_, image, options_.levels)};
+CpuAligner::Maps CpuAligner::maps_of(const ImageView& image, const ImageView& mask) const {
+  Maps maps;
+  maps.grey = grey_pyramid(image, model_ ? std::min(options_.levels, kFeatureAlignmentLevels) : options_.levels);
+  if (model_) maps.learned = internal::encode(*model_, image, options_.levels);
+  hide(maps.grey, mask);
+  hide(maps.learned, mask);
+  return maps;
 }
 
 std::vector<FeatureCheck> CpuAligner::set_reference(int slot, const Reference& reference) {
@@ -90,7 +93,7 @@ std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
   std::vector<Alignment> out;
   out.reserve(pairs.size());
   for (size_t i = 0; i < pairs.size(); ++i) {
-    Maps maps = maps_of(pairs[i].target);
+    Maps maps = maps_of(pairs[i].target, pairs[i].target_mask);
     out.push_back(align_one(*keyframes_[static_cast<size_t>(pairs[i].reference)], maps.aligned(), maps.grey[0], pairs[i]));
     targets_[i].grey = std::move(maps.grey);
     if (channels(pairs[i].target.format) > 1) targets_[i].rgb = rgb_maps(pairs[i].target);

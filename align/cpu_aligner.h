@@ -39,7 +39,7 @@ class CpuAligner : public Aligner {
     Pyramid grey;
     std::vector<Map> rgb;
   };
-  Maps maps_of(const ImageView& image) const;
+  Maps maps_of(const ImageView& image, const ImageView& mask = {}) const;
   Alignment align_one(const Keyframe& keyframe, const Pyramid& f1, const Map& grey1, const Pair& pair) const;
 
   Plan plan_;

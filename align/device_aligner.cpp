@@ -6,6 +6,7 @@
 #include <iclk/align/internal/device_impl.h>
 #include <iclk/align/internal/mask.h>
 #include <iclk/align/internal/model_check.h>
+#include <iclk/align/internal/target_masks.h>
 #include <iclk/align/internal/upload.h>
 #include <iclk/engine/error.h>
 
@@ -29,6 +30,8 @@ const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solv
     case PixelFormat::rgba32f: break;
     default: throw Error(ErrorCode::invalid_argument, "Plan::format must be r8, rgba8, bgra8, r32f or rgba32f on a device");
   }
+  if (plan.target_masks && channels(plan.format) != 4)
+    throw Error(ErrorCode::invalid_argument, "a plan with target_masks needs the format rgba8, bgra8 or rgba32f on a device");
   if (solver == Solver::cpu) throw Error(ErrorCode::invalid_argument, "the CPU reference is made by make_cpu_aligner");
   return plan;
 }
@@ -177,8 +180,10 @@ void DeviceAligner::Impl::upload_targets(Recorder& recorder, std::span<const Pai
   const uint64_t image = 4ull * layout.pixel_words;
   auto* pixels = static_cast<uint8_t*>(memory[ids.staging1.value_or(ids.pixels1)].mapped);
   ++targets_version;
-  for (size_t i = 0; i < pairs.size(); ++i)
+  for (size_t i = 0; i < pairs.size(); ++i) {
     internal::convert_pixels(pairs[i].target, plan.format, layout.row_pixels(), pixels + image * i);
+    if (plan.target_masks) internal::write_alpha(pairs[i].target_mask, plan, layout.row_pixels(), pixels + image * i);
+  }
   if (!ids.staging1) return;
   recorder.stage("upload");
   recorder.copy(memory[*ids.staging1], memory[ids.pixels1], image * pairs.size());

@@ -53,6 +53,7 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
         references_(m.layout.learned),
         layout_(m.plan, references_ ? with_finest_levels(m.options) : m.options),
         pyramid_(m.context, m.plan.format, layout_, m.sizes.map),
+        masks_(m.plan.target_masks ? internal::TargetMasks(m.context, m.plan, layout_, m.sizes.map) : internal::TargetMasks()),
         ids_(layout_, references_ ? m.plan.max_references : 0, m.batch),
         memory_(m.context, ids_.plan),
         slots_(m.slots.size()),
@@ -71,14 +72,14 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
       slots_.next[i] = {m_.slots[i].version, kLuma};
       asked[i] = references_;
     }
-    record(recorder, slots_, asked, m_.memory[m_.ids.pixels0], memory_[ids_.maps0]);
+    record(recorder, slots_, asked, m_.memory[m_.ids.pixels0], memory_[ids_.maps0], false);
     asked.assign(pairs_.next.size(), false);
     for (const GreyTarget& target : targets) {
       const auto i = static_cast<size_t>(target.pair);
       pairs_.next[i] = {m_.targets_version, target.weights};
       asked[i] = true;
     }
-    record(recorder, pairs_, asked, m_.memory[m_.ids.pixels1], memory_[ids_.maps1]);
+    record(recorder, pairs_, asked, m_.memory[m_.ids.pixels1], memory_[ids_.maps1], true);
     return maps();
   }
 
@@ -87,7 +88,10 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
     pairs_.held = pairs_.next;
   }
 
-  void add_to(engine::ArenaSize& size) const override { pyramid_.add_to(size, 2); }
+  void add_to(engine::ArenaSize& size) const override {
+    pyramid_.add_to(size, 2);
+    masks_.add_to(size);
+  }
 
  private:
   /// Of which image a map is (0: of none), and how it was made.
@@ -118,15 +122,16 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
 
   /// Neighbours that are to be made alike go in one dispatch.
   void record(engine::Recorder& recorder, const Images& images, const std::vector<bool>& asked, const engine::Buffer& pixels,
-              const engine::Buffer& maps) const {
+              const engine::Buffer& maps, bool targets) const {
     const auto stale = [&](size_t i) { return asked[i] && (m_.recorded || images.next[i] != images.held[i]); };
     for (size_t first = 0, last = 0; first < asked.size(); first = last) {
       last = first + 1;
       if (!stale(first)) continue;
       const GreyWeights& weights = images.next[first].weights;
       while (last < asked.size() && stale(last) && images.next[last].weights == weights) ++last;
-      pyramid_.record(recorder, memory_[ids_.levels], pixels, maps, static_cast<uint32_t>(first),
-                      static_cast<uint32_t>(last - first), weights);
+      const auto begin = static_cast<uint32_t>(first), count = static_cast<uint32_t>(last - first);
+      pyramid_.record(recorder, memory_[ids_.levels], pixels, maps, begin, count, weights);
+      if (targets && masks_) masks_.record(recorder, pixels, maps, layout_, begin, count);
     }
   }
 
@@ -135,6 +140,7 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
   bool references_;
   internal::Layout layout_;
   internal::GreyPyramid pyramid_;
+  internal::TargetMasks masks_;
   Buffers ids_;
   engine::Workspace memory_;
   Images slots_, pairs_;

@@ -81,6 +81,9 @@ struct Plan {
   bool dense = false;         ///< every pixel with depth instead of patches around features
   PixelFormat format =
       PixelFormat::rgba8;  ///< device-side format: r8, rgba8, bgra8, r32f or rgba32f. Host pixels are converted to it.
+  /// Pixels of targets can be hidden, by Pair::target_mask or, of an image of the application's, by an alpha of 0. On a device
+  /// the format must have four channels.
+  bool target_masks = false;
 
   void check(const AlignerOptions& options) const;
 };

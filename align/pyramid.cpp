@@ -77,6 +77,13 @@ double Map::bilinear(double u, double v) const {
   return (1 - b) * ((1 - a) * p[0] + a * p[1]) + b * ((1 - a) * p[width] + a * p[width + 1]);
 }
 
+bool Map::hidden(double u, double v) const {
+  const int u0 = std::min(static_cast<int>(std::clamp(u, 0.0, width - 1.0)), width - 2);
+  const int v0 = std::min(static_cast<int>(std::clamp(v, 0.0, height - 1.0)), height - 2);
+  const float* p = data.data() + static_cast<size_t>(v0) * width + u0;
+  return p[0] > kHiddenFrom || p[1] > kHiddenFrom || p[width] > kHiddenFrom || p[width + 1] > kHiddenFrom;
+}
+
 double Map::gradient_u(int u, int v) const {
   return 0.5 * (static_cast<double>(at(std::min(u + 1, width - 1), v)) - at(std::max(u - 1, 0), v));
 }
@@ -119,6 +126,26 @@ Pyramid grey_pyramid(std::span<const Map> rgb, const GreyWeights& weights, int l
   for (size_t i = 0; i < grey.data.size(); ++i)
     grey.data[i] = weights[0] * rgb[0].data[i] + weights[1] * rgb[1].data[i] + weights[2] * rgb[2].data[i];
   return pyramid_of(std::move(grey), levels);
+}
+
+void hide(Pyramid& pyramid, const ImageView& mask) {
+  if (mask.empty() || pyramid.empty()) return;
+  for (int v = 0; v < mask.height; ++v)
+    for (int u = 0; u < mask.width; ++u)
+      if (mask.row(v)[u] == 0) pyramid[0].at(u, v) = kHidden;
+  for (size_t l = 1; l < pyramid.size(); ++l) {
+    Map& map = pyramid[l];
+    const Map& finer = pyramid[l - 1];
+    for (int v = 0; v < map.height; ++v)
+      for (int u = 0; u < map.width; ++u)
+        if (finer.hidden(2 * u, 2 * v)) map.at(u, v) = kHidden;
+  }
+}
+
+void hide(Pyramid& pyramid, const Pyramid& like) {
+  for (size_t l = 0; l < pyramid.size(); ++l)
+    for (size_t k = 0; k < pyramid[l].data.size(); ++k)
+      if (like[l].data[k] > kHiddenFrom) pyramid[l].data[k] = kHidden;
 }
 
 }  // namespace iclk

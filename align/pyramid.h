@@ -21,6 +21,8 @@ struct Map {
 
   /// Bilinear value at (u, v), clamped to the image. Preconditions: width, height >= 2, u and v finite.
   double bilinear(double u, double v) const;
+  /// Whether one of the four pixels of that value is hidden. The same preconditions.
+  bool hidden(double u, double v) const;
   /// Central differences with the border pixel repeated.
   double gradient_u(int u, int v) const;
   double gradient_v(int u, int v) const;
@@ -44,6 +46,13 @@ Pyramid grey_pyramid(const ImageView& image, int levels);
 /// The same of three maps of one size, as rgb_maps() makes them, with other weights than luma's.
 Pyramid grey_pyramid(std::span<const Map> rgb, const GreyWeights& weights, int levels);
 Map half_size(const Map& map);
+
+/// Value of a hidden pixel of a target's map. A mean of pixels of which one is hidden is larger than kHiddenFrom at any level.
+inline constexpr float kHidden = ICLK_HIDDEN, kHiddenFrom = ICLK_HIDDEN_FROM;
+/// Hides every pixel of a pyramid under which the mask (Pair::target_mask, of level 0's size) is 0 somewhere.
+void hide(Pyramid& pyramid, const ImageView& mask);
+/// The same where another pyramid of the same sizes is hidden.
+void hide(Pyramid& pyramid, const Pyramid& like);
 
 /// Finest levels of the grey pyramid that feature alignment works on, whatever the maps that were aligned.
 inline constexpr int kFeatureAlignmentLevels = 2;

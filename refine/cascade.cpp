@@ -51,7 +51,7 @@ std::vector<RefinedAlignment> Cascade::run(size_t step, std::span<const CascadeP
   for (size_t i = 0; i < pairs.size(); ++i) {
     const int slot = static_cast<int>(i);
     running.aligner->set_reference(slot, pairs[i]->reference);
-    work.push_back({slot, pairs[i]->target, pairs[i]->T_10, {}, pairs[i]->search});
+    work.push_back({slot, pairs[i]->target, pairs[i]->T_10, {}, pairs[i]->search, pairs[i]->target_mask});
   }
   times_.prepare += ms_since(begin);
 

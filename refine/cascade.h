@@ -16,6 +16,7 @@ struct CascadePair {
   ImageView target;
   SE3 T_10;            ///< first guess
   bool search = true;  ///< Pair::search
+  ImageView target_mask = {};  ///< Pair::target_mask
 };
 
 /// The cheapest answer that can be believed: every pair begins with the first model, and what does not end in

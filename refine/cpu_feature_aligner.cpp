@@ -22,7 +22,8 @@ class CpuFeatureAligner final : public FeatureAligner {
       const Pyramid &f0 = maps_->reference_grey(task.reference), &luma = maps_->target_grey(task.pair);
       const std::span<const Map> rgb = maps_->target_rgb(task.pair);
       const bool recoloured = task.grey != kLuma && !rgb.empty();
-      const Pyramid own = recoloured ? grey_pyramid(rgb, task.grey, static_cast<int>(luma.size())) : Pyramid();
+      Pyramid own = recoloured ? grey_pyramid(rgb, task.grey, static_cast<int>(luma.size())) : Pyramid();
+      hide(own, luma);
       const Pyramid& f1 = recoloured ? own : luma;
       const Camera& camera = maps_->camera(task.reference);
       const Features& features = maps_->features(task.reference);

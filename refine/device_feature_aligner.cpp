@@ -66,7 +66,7 @@ engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel&
 
 AlignedFeature unpack(const shaders::AlignedInfo& info) {
   AlignedFeature f;
-  f.status = static_cast<FeatureStatus>(std::min(info.status, static_cast<uint32_t>(FeatureStatus::rejected)));
+  f.status = static_cast<FeatureStatus>(std::min(info.status, static_cast<uint32_t>(FeatureStatus::hidden)));
   f.iterations = static_cast<int>(info.iterations);
   const bool finite = std::isfinite(info.u) && std::isfinite(info.v) && std::isfinite(info.gain) && std::isfinite(info.bias) &&
                       std::isfinite(info.correlation) && std::isfinite(info.covariance_uu) &&

@@ -91,7 +91,7 @@ Template make_template(const Map& f0, const Eigen::Vector2d& c0, const Eigen::Ma
 
 /// Sums over the patch in image 1 at c1, and what follows from them.
 struct Sums {
-  bool inside = false;
+  bool inside = false, hidden = false;
   double gain = 0, bias = 0, correlation = 0, variance = 0;  // at the position itself, without a step
   Eigen::Vector2d step = Eigen::Vector2d::Zero();            // px of the level
 };
@@ -113,6 +113,8 @@ Sums sum_patch(const Map& f1, const Eigen::Vector2d& c1, const Template& t) {
     sum_IT += I * t.T[k];
     sum_Ig += I * Eigen::Vector2d(t.Tu[k], t.Tv[k]);
   }
+  s.hidden = sum_I > kHiddenFrom;
+  s.inside = !s.hidden;
   const Eigen::Vector2d gain_step = t.S_inverse * (sum_Ig - t.B.col(0) * (sum_IT / t.STT) - t.B.col(1) * (sum_I / kArea));
   const double gain = (sum_IT - t.B.col(0).dot(gain_step)) / t.STT;
   // Inverse compositional: the step moves the template, so its inverse moves the position.
@@ -134,7 +136,7 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
   for (; f.iterations < options.iterations; ++f.iterations) {
     const Sums s = sum_patch(f1, c1, t);
     if (!s.inside) {
-      f.status = FeatureStatus::out_of_image;
+      f.status = s.hidden ? FeatureStatus::hidden : FeatureStatus::out_of_image;
       break;
     }
     const double length = s.step.norm();
@@ -151,7 +153,7 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
   f.uv1 = c1;
   const Sums s = sum_patch(f1, c1, t);
   if (!s.inside) {
-    f.status = FeatureStatus::out_of_image;
+    f.status = s.hidden ? FeatureStatus::hidden : FeatureStatus::out_of_image;
     return f;
   }
   const Eigen::Matrix2d photometric = t.S_inverse * (s.variance / (s.gain * s.gain));
@@ -178,7 +180,8 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
 }  // namespace
 
 const char* name(FeatureStatus status) {
-  constexpr std::array<const char*, 6> names = {"aligned", "diverged", "out_of_image", "low_texture", "bad_match", "rejected"};
+  constexpr std::array<const char*, 7> names = {"aligned",   "diverged", "out_of_image", "low_texture",
+                                                "bad_match", "rejected", "hidden"};
   return names[static_cast<size_t>(status)];
 }
 
@@ -191,7 +194,7 @@ std::string summary(std::span<const AlignedFeature> features) {
   std::ostringstream out;
   out << count_aligned(features) << " of " << features.size() << " features aligned";
   const char* separator = " (";
-  for (int s = static_cast<int>(FeatureStatus::diverged); s <= static_cast<int>(FeatureStatus::rejected); ++s) {
+  for (int s = static_cast<int>(FeatureStatus::diverged); s <= static_cast<int>(FeatureStatus::hidden); ++s) {
     const auto status = static_cast<FeatureStatus>(s);
     const auto n = std::count_if(features.begin(), features.end(), [&](const auto& f) { return f.status == status; });
     if (n == 0) continue;

@@ -21,6 +21,7 @@ enum class FeatureStatus : uint8_t {
   low_texture,   ///< the patch does not determine a position
   bad_match,     ///< the patch and the target do not look alike where the steps ended
   rejected,      ///< FeatureCheck is not ok: the feature never took part
+  hidden,        ///< the patch in image 1 lies on hidden pixels (Pair::target_mask) or came to
 };
 const char* name(FeatureStatus status);
 

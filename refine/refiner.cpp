@@ -75,7 +75,7 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   r.visible = 0;
   int candidates = 0;  // visible and textured: the rest says nothing about the pose
   for (size_t i = 0; i < view.checks.size(); ++i) {
-    if (!is_visible(view, i, pose.T_10)) continue;
+    if (!is_visible(view, i, pose.T_10) || r.features[i].status == FeatureStatus::hidden) continue;
     ++r.visible;
     candidates += r.features[i].status != FeatureStatus::low_texture;
   }

@@ -82,7 +82,7 @@ Template make_template(MapView f0, vec2 c0, mat2 A_inverse) {
 
 // At the position itself, without a step; `step` in px of the level.
 struct Sums {
-  bool inside;
+  bool inside, hidden;
   float gain, bias, correlation, variance;
   vec2 step;
 };
@@ -92,6 +92,7 @@ Sums sum_patch(MapView f1, vec2 c1, Template t) {
   Sums s;
   s.gain = s.bias = s.correlation = s.variance = 0.0;
   s.step = vec2(0.0);
+  s.hidden = false;
   vec2 first = c1 - CENTRE;
   s.inside = all(greaterThanEqual(f1.last, ivec2(ICLK_PATCH))) && all(greaterThanEqual(first, vec2(0.0))) &&
              all(lessThanEqual(first + float(ICLK_PATCH - 1), vec2(f1.last)));
@@ -111,6 +112,8 @@ Sums sum_patch(MapView f1, vec2 c1, Template t) {
   }
   sum_rows(a, b);
   float sum_I = a.x, sum_II = a.y, sum_IT = a.z;
+  s.hidden = sum_I > ICLK_HIDDEN_FROM;
+  s.inside = !s.hidden;
   vec2 gain_step = t.S_inverse * (b.xy - t.B0 * (sum_IT / t.STT) - t.B1 * (sum_I / AREA));
   float gain = (sum_IT - dot(t.B0, gain_step)) / t.STT;
   // Inverse compositional: the step moves the template, so its inverse moves the position.
@@ -138,7 +141,7 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
   [[dont_unroll]] for (; f.iterations < push.iterations; ++f.iterations) {
     Sums s = sum_patch(f1, f.uv1, t);
     if (!s.inside) {
-      f.status = OUT_OF_IMAGE;
+      f.status = s.hidden ? HIDDEN : OUT_OF_IMAGE;
       break;
     }
     float size = length(s.step);
@@ -154,7 +157,7 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
   }
   Sums s = sum_patch(f1, f.uv1, t);
   if (!s.inside) {
-    f.status = OUT_OF_IMAGE;
+    f.status = s.hidden ? HIDDEN : OUT_OF_IMAGE;
     return f;
   }
   float g2 = s.gain * s.gain;

@@ -15,7 +15,8 @@ layout(set = 0, binding = 6) uniform samplerBuffer maps0;  // the others
 layout(set = 0, binding = 7) uniform samplerBuffer maps1;
 layout(push_constant) uniform Push { FeatureAlignmentPush push; };
 
-const uint ALIGNED = 0, DIVERGED = 1, OUT_OF_IMAGE = 2, LOW_TEXTURE = 3, BAD_MATCH = 4, REJECTED = 5;  // FeatureStatus
+const uint ALIGNED = 0, DIVERGED = 1, OUT_OF_IMAGE = 2, LOW_TEXTURE = 3, BAD_MATCH = 4, REJECTED = 5,
+           HIDDEN = 6;  // FeatureStatus
 const float CENTRE = 0.5 * (ICLK_PATCH - 1);
 const float AREA = ICLK_PATCH_AREA;
 

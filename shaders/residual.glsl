@@ -4,6 +4,9 @@
 // False: no evaluation of this aligner has weights. A flag is not enough: lavapipe runs both sides of a branch.
 layout(constant_id = 3) const bool WEIGHTED = true;
 
+// Pixels of targets can be hidden.
+layout(constant_id = 5) const bool MASKED = false;
+
 // Everything that the elements of a pair share.
 struct View {
   LevelCamera camera;
@@ -15,7 +18,7 @@ struct View {
 };
 
 // The four texels of f1 around warp(u), as (left, right) of the rows above and below, and the place between them.
-// visible = in front of camera 1 and inside the image; p = the point in camera 1, times its inverse depth in camera 0.
+// visible = in front of camera 1, inside the image and not hidden; p = the point in camera 1, times its inverse depth in camera 0.
 void target_at(View view, vec4 a, out vec2 top, out vec2 bottom, out vec2 f, out vec3 p, out bool visible) {
   vec2 focal = vec2(view.camera.fx, view.camera.fy), principal = vec2(view.camera.cx, view.camera.cy);
   vec2 ray = (a.xy - principal) / focal;
@@ -31,6 +34,11 @@ void target_at(View view, vec4 a, out vec2 top, out vec2 bottom, out vec2 f, out
   int at = view.map_base + int(corner.y) * view.pitch + int(corner.x);
   top = vec2(texelFetch(maps1, at).x, texelFetch(maps1, at + 1).x);
   bottom = vec2(texelFetch(maps1, at + view.pitch).x, texelFetch(maps1, at + view.pitch + 1).x);
+  if (MASKED) {
+    visible = visible && max(max(top.x, top.y), max(bottom.x, bottom.y)) <= ICLK_HIDDEN_FROM;
+    top = visible ? top : vec2(0.0);  // what was hidden overflows in sums
+    bottom = visible ? bottom : vec2(0.0);
+  }
 }
 
 // f1(warp(u)) - (gain f0 + bias)

@@ -39,6 +39,10 @@ using uint = uint32_t;
 // A point nearer than this to the camera plane (in units of its depth in camera 0) is behind the camera.
 #define ICLK_LEAST_DEPTH 1e-6
 
+// Hidden pixels of a target's map (align/pyramid.h: hide), and what tells them from others: a mean over them stays above it.
+#define ICLK_HIDDEN 1e30
+#define ICLK_HIDDEN_FROM 1e18
+
 // Pixel blocks of the pyramid kernel: an invocation makes levels 0 to 3 of an 8x8 block, so rows are padded to whole blocks.
 #define ICLK_BLOCK 8
 #define ICLK_FUSED_LEVELS 4
@@ -215,6 +219,17 @@ struct PyramidPush {
   uint map_stride;         // floats from an image's maps to the next
   uint first_image;        // images first_image .. first_image + groups z - 1
   float red, green, blue;  // weights of the channels in the grey value
+};
+
+// Hides pixels of targets' maps: those above hidden pixels of the next finer level, or, of a map whose pixels are `scale`
+// pixels of the image wide, above pixels with an alpha of 0.
+struct HidePush {
+  uint width, pitch, offset;  // of the map, in the buffer of maps
+  uint first_image;
+  uint finer_offset, finer_pitch;     // hide_level.comp
+  uint map_stride;                    // floats from an image's maps to the next
+  uint scale, row_pixels;             // hide.comp
+  uint pixel_words;                   // hide.comp: 32-bit words from an image to the next
 };
 
 struct HalvePush {

@@ -59,7 +59,7 @@ Agreement agreement(const Template& pixels, const Map& f1, const Camera& level_c
     }
     const TemplatePixel& p = pixels[k];
     if (!(p.inverse_depth > 0)) continue;
-    const Warped w = warp(level_camera, at.T_10, p.u, p.v, p.inverse_depth);
+    const Warped w = warp(level_camera, at.T_10, p, f1);
     if (!w.visible) continue;
     const double weight = weights.empty() ? 1.0 : weights[k];
     const double r = f1.bilinear(w.u, w.v) - (at.gain * p.f0 + at.bias);

@@ -27,6 +27,7 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
     : model_(std::move(model)),
       levels_(layout.levels),
       dense_(plan.dense),
+      masked_(plan.target_masks),
       max_features_(static_cast<uint32_t>(plan.max_features)),
       element_stride_(layout.element_stride),
       map_stride_(layout.map_stride),
@@ -140,7 +141,7 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
              {storage_read, storage_read, storage_read, texel_read, texel_read, storage_read, storage_read, storage_write,
               storage_write, storage_write},
              bytes,
-             {kLanes}}};
+             {kLanes, 0, 0, 1, 0, masked_}}};
   patch_ = {context,
             {"m_estimator",
              m_estimator_patch_comp_spv,

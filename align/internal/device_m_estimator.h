@@ -55,7 +55,7 @@ class MEstimator {
 
   std::shared_ptr<const Model> model_;
   std::vector<shaders::LevelInfo> levels_;
-  bool dense_;
+  bool dense_, masked_;
   uint32_t max_features_, element_stride_, map_stride_, weight_stride_, prior_origin_ = 0, prior_stride_ = 0, lanes_;
   uint32_t margin_ = 0, pairs_per_pass_ = 1, most_pieces_ = 1;
   Room room_;

@@ -1,6 +1,7 @@
 #pragma once
 #include <iclk/align/internal/layout.h>
 #include <iclk/align/internal/matching.h>
+#include <iclk/align/internal/target_masks.h>
 #include <iclk/engine/kernel.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>
@@ -24,6 +25,7 @@ class DeviceMatching {
 
   struct Pairs {
     const engine::Buffer &pixels1, &references, &features, &pairs, &starts;
+    const TargetMasks& masks;  // false: no pixel is hidden
     uint32_t count, most_features;
   };
   /// Starts of pairs that matching finds: their PairInfo's pose and first level, and their starts are switched off.

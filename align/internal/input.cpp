@@ -53,6 +53,11 @@ void check_pair(const Pair& pair, size_t index, const Plan& plan) {
   const std::string which = "pair " + std::to_string(index) + ": ";
   check_slot(pair.reference, plan);
   check_image(pair.target, (which + "target image").c_str(), plan);
+  if (!pair.target_mask.empty()) {
+    check_image(pair.target_mask, (which + "target mask").c_str(), plan);
+    if (pair.target_mask.format != PixelFormat::r8) refuse(which + "the target mask must have the format r8");
+    if (!plan.target_masks) refuse(which + "a target mask needs a plan with target_masks");
+  }
   check_pose(pair, which);
 }
 

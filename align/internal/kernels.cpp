@@ -38,8 +38,9 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   using enum engine::BindingKind;
   using namespace shaders;
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
-                 robust = static_cast<uint32_t>(options.robust);
+                 robust = static_cast<uint32_t>(options.robust), masked = plan.target_masks;
   engine::KernelBatch batch(context);
+  if (plan.target_masks) target_masks = {context, plan, layout, sizes.map};
   if (!layout.learned) pyramid = {context, plan.format, layout, sizes.map};
   if (plan.dense)
     batch.add(inverse_depth,
@@ -61,7 +62,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                residual_comp_spv,
                {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_write, storage_read},
                sizeof(IteratePush),
-               {sizes.iterate}});
+               {sizes.iterate, 0, 0, weighted, 0, masked}});
     batch.add(weights, {"weights",
                         weights_comp_spv,
                         {storage_read, storage_read, storage_read_write, storage_read_write},
@@ -73,7 +74,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                                {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
                                 storage_read, storage_write},
                                sizeof(IteratePush),
-                               {sizes.iterate, photometric, adaptive, weighted}});
+                               {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
   batch.add(lm_step, {"lm_step",
                       lm_step_comp_spv,
                       {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write},
@@ -84,13 +85,13 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                       {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read_write,
                        storage_read_write, storage_write},
                       sizeof(IteratePush),
-                      {sizes.iterate, photometric, adaptive, weighted, robust}});
+                      {sizes.iterate, photometric, adaptive, weighted, robust, masked}});
   batch.add(agreement, {"agreement",
                         agreement_comp_spv,
                         {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
                          storage_read, storage_write},
                         sizeof(IteratePush),
-                        {sizes.iterate, photometric, adaptive, weighted}});
+                        {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
   if (options.search.enabled)
     batch.add(select, {"search",
                        select_comp_spv,

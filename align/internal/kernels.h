@@ -1,5 +1,6 @@
 #pragma once
 #include <iclk/align/internal/grey_pyramid.h>
+#include <iclk/align/internal/target_masks.h>
 #include <iclk/engine/kernel.h>
 
 namespace iclk::internal {
@@ -15,6 +16,7 @@ struct Kernels {
           const WorkgroupSizes& sizes);
 
   GreyPyramid pyramid;
+  TargetMasks target_masks;
   engine::Kernel mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate, agreement, result,
       select;
 };

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include <iclk/align/camera.h>
+#include <iclk/align/pyramid.h>
 #include <iclk/align/se3.h>
 
 namespace iclk::internal {
@@ -32,6 +33,13 @@ inline Warped warp(const Camera& level_camera, const SE3& T_10, double u, double
   w.u = p.x() / p.z() * level_camera.fx + level_camera.cx;
   w.v = p.y() / p.z() * level_camera.fy + level_camera.cy;
   w.visible = w.u >= 0 && w.v >= 0 && w.u <= level_camera.width - 1 && w.v <= level_camera.height - 1;
+  return w;
+}
+
+/// The same where the other image's map is known: what it hides is not visible.
+inline Warped warp(const Camera& level_camera, const SE3& T_10, const TemplatePixel& p, const Map& f1) {
+  Warped w = warp(level_camera, T_10, p.u, p.v, p.inverse_depth);
+  w.visible = w.visible && !f1.hidden(w.u, w.v);
   return w;
 }
 

@@ -74,7 +74,7 @@ std::vector<float> m_estimator_weights(const Model& model, const Template& pixel
   const Map prior = weight.data.empty() ? Map() : resized(weight, f1.width, f1.height);
   for (const TemplatePixel& p : pixels) {
     if (!(p.inverse_depth > 0)) continue;
-    const Warped w = warp(level_camera, at.T_10, p.u, p.v, p.inverse_depth);
+    const Warped w = warp(level_camera, at.T_10, p, f1);
     if (!w.visible) continue;
     const int u = static_cast<int>(p.u), v = static_cast<int>(p.v);
     const double warped = f1.bilinear(w.u, w.v);

@@ -40,7 +40,7 @@ std::vector<float> residuals(const Template& pixels, const Map& f1, const Camera
   for (size_t k = 0; k < pixels.size(); ++k) {
     const TemplatePixel& p = pixels[k];
     if (!(p.inverse_depth > 0)) continue;
-    if (const Warped w = warp(level_camera, at.T_10, p.u, p.v, p.inverse_depth); w.visible)
+    if (const Warped w = warp(level_camera, at.T_10, p, f1); w.visible)
       r[k] = static_cast<float>(f1.bilinear(w.u, w.v) - (at.gain * p.f0 + at.bias));
   }
   return r;
@@ -53,7 +53,7 @@ NormalSums normal_equations(const Template& pixels, const Map& f1, const Camera&
     const TemplatePixel& p = pixels[k];
     if (!(p.inverse_depth > 0)) continue;
     sums.masked += 1;
-    const Warped w = warp(level_camera, at.T_10, p.u, p.v, p.inverse_depth);
+    const Warped w = warp(level_camera, at.T_10, p, f1);
     if (!w.visible) continue;
     sums.visible += 1;
     const double weight = weights.empty() ? 1.0 : weights[k];

@@ -86,6 +86,7 @@ engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& netw
   network.add_to(size);
   matching.add_to(size);
   if (!network.encoder) k.pyramid.add_to(size, 2);
+  k.target_masks.add_to(size);
   if (k.mask) size.add(k.mask);
   if (k.inverse_depth) size.add(k.inverse_depth);
   // Twice where level 0 may lie in another buffer than the levels beyond.
@@ -105,9 +106,13 @@ void Stages::maps(Recorder& recorder, std::span<const Run> references, uint32_t 
   std::vector<Encoder::Images> all;
   for (const Run& run : references) all.push_back({&at(ids.pixels0), &at(ids.maps0), run.first, run.count});
   all.push_back({&at(ids.pixels1), &at(ids.maps1), 0, targets});
-  if (network.encoder) return network.encoder->record(recorder, memory, all);
-  for (const auto& [pixels, to, first, count] : all)
-    kernels.pyramid.record(recorder, at(ids.levels), *pixels, *to, first, count);
+  if (network.encoder) {
+    network.encoder->record(recorder, memory, all);
+  } else {
+    for (const auto& [pixels, to, first, count] : all)
+      kernels.pyramid.record(recorder, at(ids.levels), *pixels, *to, first, count);
+  }
+  if (kernels.target_masks) kernels.target_masks.record(recorder, at(ids.pixels1), at(ids.maps1), layout, 0, targets);
 }
 
 void Stages::prepare(Recorder& recorder, const Run& references) const {
