@@ -29,6 +29,7 @@ const char* const kFooter =
     "  iclk align a.png b.png --depth a_depth.tiff --camera camera.txt --distortion radtan:0.26,-0.95,-0.005,0.003,1.16\n"
     "  iclk align a.png b.png --features points.csv --camera camera.txt --model model.safetensors --solver device\n"
     "  iclk align a.png b.png --depth a_depth.png --depth-scale 1000 --camera calibration.yaml --solver cpu --count 50\n"
+    "  iclk align a.png b.png --depth a_depth.png --depth-scale 1000 --camera camera.txt --mask hood.png\n"
     "\n";
 
 void run_align(const AlignOptions& options, int& exit) {
@@ -87,6 +88,16 @@ void add_align(CLI::App& app, int& exit) {
       ->add_option("--features", options->files.features,
                    "Features of REF in a CSV file with the header u,v,depth or u,v,inverse_depth "
                    "(optionally sigma, its standard deviation)")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command
+      ->add_option("--reference-mask", options->files.reference_mask,
+                   "An image of REF's size that is 0 where REF is not to be looked at; features there have no depth")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command
+      ->add_option("--target-mask", options->files.target_mask,
+                   "The same of TARGET: what moves by itself, dirt on the lens")
       ->check(not_empty)
       ->type_name("FILE");
   options->load.add_to(*command, true);

@@ -51,6 +51,7 @@ LineInputs line_inputs(const PairRequest& request, const InputOptions& options) 
   const PairFiles& files = request.files;
   const std::pair<const char*, const std::string&> all[] = {
       {"reference", files.reference},      {"target", files.target},     {"depth", files.depth}, {"features", files.features},
+      {"reference_mask", files.reference_mask}, {"target_mask", files.target_mask}, {"mask", options.mask},
       {"initial_pose", request.T_10_file}, {"truth", request.truth_file}};
   for (const auto& [name, path] : all) {
     if (path.empty()) continue;

@@ -19,8 +19,8 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::array kKeys = {"id",     "reference",  "target",       "depth", "features", "depth_scale",
-                              "camera", "distortion", "initial_pose", "truth", "meta"};
+constexpr std::array kKeys = {"id",          "reference", "target",     "depth",        "features", "reference_mask", "target_mask",
+                              "depth_scale", "camera",    "distortion", "initial_pose", "truth",    "meta"};
 
 [[noreturn]] void fail(const std::string& where, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, where + ": " + why);
@@ -141,6 +141,8 @@ PairRequest parse_line(const Manifest& manifest, const ManifestLine& source) {
   request.files.target = line.required_file("target");
   request.files.depth = line.file("depth");
   request.files.features = line.file("features");
+  request.files.reference_mask = line.file("reference_mask");
+  request.files.target_mask = line.file("target_mask");
   if (request.files.depth.empty() && request.files.features.empty()) fail(where, "key 'depth' or 'features' is missing");
   request.camera = line.camera();
   if (line.find("distortion") != nullptr) request.distortion = line.text("distortion");

@@ -21,6 +21,7 @@ namespace iclk {
 ///   id             string or whole number, once in the file; default: the number of the line
 ///   reference, target               image files; required
 ///   depth, features                 depth image and / or feature file (CSV) of the reference; one of them is required
+///   reference_mask, target_mask     images that hide pixels where they are 0
 ///   depth_scale, camera, distortion as the options of `iclk align`, which are their defaults; `camera` may be a list
 ///   initial_pose, truth             T_10: 4x4 (or 3x4) nested lists, a TUM line, or a file that holds one
 ///   meta                            anything; comes back in the result

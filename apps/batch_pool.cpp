@@ -8,15 +8,15 @@ namespace {
 
 size_t bytes_of(const DecodedPair& item) {
   const auto pixels = [](const cv::Mat& image) { return image.empty() ? 0 : image.total() * image.elemSize(); };
-  return pixels(item.pair.image_0) + pixels(item.pair.image_1) + pixels(item.pair.depth_0) +
+  return pixels(item.pair.image_0) + pixels(item.pair.image_1) + pixels(item.pair.depth_0) + pixels(item.pair.mask_1) +
          item.pair.features.uv.size() * (sizeof(Eigen::Vector2d) + 2 * sizeof(double));
 }
 
-/// A plan on the device has one size and one format.
+/// A plan on the device has one size and one format, and masks or none.
 bool same_kind(const DecodedPair& a, const DecodedPair& b) {
   if (!a.error.empty() || !b.error.empty()) return a.error.empty() == b.error.empty();
   return a.pair.image_0.size() == b.pair.image_0.size() && a.pair.image_0.type() == b.pair.image_0.type() &&
-         a.pair.image_1.type() == b.pair.image_1.type();
+         a.pair.image_1.type() == b.pair.image_1.type() && a.pair.mask_1.empty() == b.pair.mask_1.empty();
 }
 
 }  // namespace

@@ -2,7 +2,10 @@
 
 #include <chrono>
 
+#include <opencv2/imgproc.hpp>
+
 #include <iclk/engine/error.h>
+#include <iclk/shaders/shared.h>
 
 #include "apps/io/feature_csv.h"
 
@@ -21,12 +24,41 @@ void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& 
                                                size_of(reference) + ": they must have one size");
 }
 
+/// What the reference does not show has no depth: its pixels, and features of the file whose patch they are in.
+void hide_reference(const cv::Mat& seen, PairInput& pair) {
+  if (!pair.depth_0.empty()) pair.depth_0.setTo(0, seen == 0);
+  cv::Mat whole;
+  cv::erode(seen, whole, cv::Mat::ones(ICLK_PATCH, ICLK_PATCH, CV_8U), {ICLK_PATCH_BEFORE, ICLK_PATCH_BEFORE}, 1,
+            cv::BORDER_REPLICATE);
+  for (size_t i = 0; i < pair.features.uv.size(); ++i) {
+    const Eigen::Vector2d& uv = pair.features.uv[i];
+    if (!(uv.x() >= 0 && uv.y() >= 0 && uv.x() < seen.cols && uv.y() < seen.rows)) continue;
+    if (whole.at<uchar>(static_cast<int>(uv.y()), static_cast<int>(uv.x())) == 0) pair.features.inverse_depth[i] = 0;
+  }
+}
+
 }  // namespace
 
 PairLoader::PairLoader(InputOptions options) : options_(std::move(options)) {
   options_.detector.check();
   if (!options_.distortion) options_.distortion = options_.camera.distortion;
   if (options_.depth_scale == 0) options_.depth_scale = options_.camera.depth_scale;
+  if (!options_.mask.empty()) mask_ = load_mask(options_.mask, options_.max_pixels);
+}
+
+cv::Mat PairLoader::seen(const std::string& own_mask, const cv::Mat& image, const std::string& image_path,
+                         const Undistorter* undistort) const {
+  cv::Mat seen;
+  const auto both = [&](const cv::Mat& mask) { seen = seen.empty() ? mask.clone() : cv::Mat(seen & mask); };
+  const auto add = [&](const cv::Mat& mask, const std::string& path) {
+    require_size(mask, path, image, image_path);
+    // Bilinear, as the image is: a pixel into which a hidden one went is hidden.
+    both(undistort != nullptr ? cv::Mat(undistort->image(mask) == 255) : mask);
+  };
+  if (undistort != nullptr) both(undistort->seen());
+  if (!mask_.empty()) add(mask_, options_.mask);
+  if (!own_mask.empty()) add(load_mask(own_mask, options_.max_pixels), own_mask);
+  return !seen.empty() && cv::countNonZero(seen) < static_cast<int>(seen.total()) ? seen : cv::Mat();
 }
 
 std::shared_ptr<const Undistorter> PairLoader::undistorter(const Camera& camera) const {
@@ -41,7 +73,8 @@ std::shared_ptr<const Undistorter> PairLoader::undistorter(const Camera& camera)
 uint64_t PairLoader::memory(const PairFiles& files, uint64_t budget) const {
   uint64_t sum = 0, largest = 0;
   std::string name;
-  for (const std::string* file : {&files.reference, &files.target, &files.depth}) {
+  for (const std::string* file :
+       {&files.reference, &files.target, &files.depth, &files.reference_mask, &files.target_mask}) {
     const auto header = file->empty() ? std::nullopt : peek_image(*file, options_.max_pixels);
     if (!header) continue;
     ImageHeader decoded = *header;
@@ -79,17 +112,18 @@ PairInput PairLoader::load(const PairFiles& files) const {
     pair.features = load_features(files.features);
     pair.features_from_file = true;
   }
-  cv::Mat seen;
-  if (!options_.distortion->empty()) {
-    const auto undistort = undistorter(pair.camera);
+  const auto undistort = options_.distortion->empty() ? nullptr : undistorter(pair.camera);
+  const cv::Mat seen_0 = seen(files.reference_mask, pair.image_0, files.reference, undistort.get());
+  pair.mask_1 = seen(files.target_mask, pair.image_1, files.target, undistort.get());
+  if (undistort) {
     pair.image_0 = undistort->image(pair.image_0);
     pair.image_1 = undistort->image(pair.image_1);
     if (!pair.depth_0.empty()) pair.depth_0 = undistort->depth(pair.depth_0);
     for (Eigen::Vector2d& uv : pair.features.uv) uv = undistort->point(uv);
-    seen = undistort->seen();
   }
+  if (!seen_0.empty()) hide_reference(seen_0, pair);
   pair.load_ms = ms_since(start);
-  if (files.features.empty()) detect_missing_features(pair, options_.detector, seen);
+  if (files.features.empty()) detect_missing_features(pair, options_.detector, seen_0);
   options_.depth_sigma.apply(pair.camera, pair.features);
   return pair;
 }

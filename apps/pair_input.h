@@ -22,6 +22,8 @@ struct PairFiles {
   std::string reference, target;
   std::string depth;     ///< of the reference; may be empty if there are features
   std::string features;  ///< CSV; empty: features are detected
+  /// Images of the same size that hide pixels where they are 0; may be empty.
+  std::string reference_mask = {}, target_mask = {};
 };
 
 /// How files become a pair.
@@ -30,6 +32,7 @@ struct InputOptions {
   std::optional<Distortion> distortion;  ///< in place of the camera file's
   double depth_scale = 0;                ///< raw units a metre; 0: the camera file's
   DepthSigma depth_sigma;
+  std::string mask;  ///< image that hides pixels of both images where it is 0; may be empty
   DetectorOptions detector;
   uint64_t max_pixels = kMaxPixels;  ///< of an image or a depth image
 };
@@ -39,6 +42,7 @@ struct PairInput {
   std::string name_0, name_1;  ///< for messages and pictures
   cv::Mat image_0, image_1;    ///< as load_image gives them, of one size
   cv::Mat depth_0;             ///< CV_32FC1 metres, 0 = none; empty: only the features have depth
+  cv::Mat mask_1;              ///< CV_8UC1, 0 = hidden; empty: nothing is
   Camera camera;
   Features features;
   SE3 T_10;                  ///< first guess
@@ -51,6 +55,7 @@ struct PairInput {
 /// Loads pairs of one camera. Thread-safe: a pool of threads may share it.
 class PairLoader {
  public:
+  /// Throws as load_mask does for InputOptions::mask.
   explicit PairLoader(InputOptions options);
 
   /// Throws Error that names the file: missing, unreadable, of another size, without depth, ...
@@ -64,7 +69,12 @@ class PairLoader {
  private:
   std::shared_ptr<const Undistorter> undistorter(const Camera& camera) const;
 
+  /// What of an image is to be seen, undistorted: CV_8UC1, 0 = hidden; empty: all of it.
+  cv::Mat seen(const std::string& own_mask, const cv::Mat& image, const std::string& image_path,
+               const Undistorter* undistort) const;
+
   InputOptions options_;
+  cv::Mat mask_;
   mutable std::mutex mutex_;
   mutable Camera cached_camera_;
   mutable std::shared_ptr<const Undistorter> cached_;  // its maps take longer to make than an image to load

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <map>
 
 #include <opencv2/imgproc.hpp>
@@ -60,6 +61,8 @@ struct View {
 
 View view_by(const PairInput& pair, const cv::Mat& grey_0, const cv::Mat& grey_1, const cv::Mat& depth, const SE3& T_10) {
   View view{warp_target(grey_1, depth, pair.camera, T_10)};
+  if (!pair.mask_1.empty())
+    view.warped.setTo(std::numeric_limits<float>::quiet_NaN(), warp_target(pair.mask_1, depth, pair.camera, T_10) < 255);
   match_exposure(view.warped, grey_0);
   double sum = 0, n = 0;
   for (int v = 0; v < grey_0.rows; ++v)
@@ -124,7 +127,9 @@ cv::Scalar status_colour(const std::string& status) {
 cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) {
   const int zoom = zoom_of(pair.image_1);
   const Pen pen(pair.image_1.cols * zoom);
-  cv::Mat panel = enlarged(colour_8bit(pair.image_1), zoom, cv::INTER_CUBIC) * 0.7;
+  cv::Mat shown = colour_8bit(pair.image_1).clone();
+  if (!pair.mask_1.empty()) shown.setTo(cv::Scalar(60, 40, 40), pair.mask_1 == 0);
+  cv::Mat panel = enlarged(shown, zoom, cv::INTER_CUBIC) * 0.7;
   struct Mark {
     Eigen::Vector2d at, line_end;
     bool has_line;

@@ -133,6 +133,11 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
                   "stereo:PX,BASELINE (sigma of the disparity, metres), structured-light, rendered (exact)")
       ->capture_default_str();
   command
+      .add_option("--mask", mask,
+                  "An image of the pairs' size that is 0 where both images are not to be looked at: the own vehicle, a border")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command
       .add_option("--max-pixels", max_pixels,
                   "Most pixels of an image: a larger one is refused by its header, before its pixels take memory")
       ->capture_default_str()
@@ -155,6 +160,7 @@ InputOptions LoadOptions::input() const {
     throw Error(ErrorCode::invalid_argument, "--depth-scale " + std::to_string(depth_scale) + " must be positive");
   options.depth_scale = depth_scale;
   options.depth_sigma = parse_depth_sigma(depth_sigma);
+  options.mask = mask;
   options.max_pixels = max_pixels;
   options.detector = features;
   options.detector.detector = parse_detector(detector);

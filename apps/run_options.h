@@ -32,6 +32,7 @@ struct RunOptions {
 /// The options by which files become pairs.
 struct LoadOptions {
   std::string camera, distortion, detector = "shi-tomasi", depth_sigma = "auto";
+  std::string mask;
   double depth_scale = 0;
   uint64_t max_pixels = kMaxPixels;
   DetectorOptions features;

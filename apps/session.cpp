@@ -22,7 +22,8 @@ double ms_since(Clock::time_point start) { return std::chrono::duration<double, 
 /// A device format that loses nothing of the images.
 PixelFormat device_format(const PairInput& pair) {
   const bool deep = pair.image_0.depth() != CV_8U || pair.image_1.depth() != CV_8U;
-  const bool colour = pair.image_0.channels() > 1 || pair.image_1.channels() > 1;
+  // A mask goes into the alpha of four channels.
+  const bool colour = pair.image_0.channels() > 1 || pair.image_1.channels() > 1 || !pair.mask_1.empty();
   if (deep) return colour ? PixelFormat::rgba32f : PixelFormat::r32f;
   return colour ? PixelFormat::rgba8 : PixelFormat::r8;
 }
@@ -93,9 +94,10 @@ void Session::make_aligner(const PairInput& pair, int features) {
   plan.max_features = std::max(features, 1);
   plan.max_references = plan.max_pairs = options_.max_pairs;
   plan.dense = options_.dense;
+  plan.target_masks = !pair.mask_1.empty();
   plan.format = device_format(pair);
   const bool fits = cascade_ && plan.width == plan_.width && plan.height == plan_.height && plan.format == plan_.format &&
-                    plan.max_features <= plan_.max_features;
+                    plan.target_masks == plan_.target_masks && plan.max_features <= plan_.max_features;
   if (fits) return;
   try {
     make_plan(plan);
@@ -152,7 +154,8 @@ std::vector<RefinedAlignment> Session::run(std::span<const PairInput> pairs) {
       work.push_back({{view(pair.image_0), pair.camera, pair.features, {}},
                       view(pair.image_1),
                       pair.T_10,
-                      options_.search_guessed || !pair.guessed});
+                      options_.search_guessed || !pair.guessed,
+                      pair.mask_1.empty() ? ImageView() : view(pair.mask_1)});
       if (!options_.dense) continue;
       inverse.push_back(inverse_depth_of(pair));
       work.back().reference.inverse_depth = view(inverse.back());

@@ -54,7 +54,8 @@ class Session {
   /// Opens the device. Throws Error(no_driver), Error(no_device), Error(invalid_argument) for bad options.
   explicit Session(const SessionOptions& options);
 
-  /// One result a pair, in order. All images of one call have one size; another size than the call before makes new plans.
+  /// One result a pair, in order. All images of one call have one size and format, and all targets a mask or none; others
+  /// than the call before make new plans.
   std::vector<RefinedAlignment> run(std::span<const PairInput> pairs);
   RefinedAlignment run(const PairInput& pair) { return std::move(run(std::span(&pair, 1)).front()); }
 

@@ -141,6 +141,14 @@ cv::Mat load_image(const std::string& path, uint64_t max_pixels) {
   return image;
 }
 
+cv::Mat load_mask(const std::string& path, uint64_t max_pixels) {
+  std::vector<cv::Mat> planes;
+  cv::split(load_image(path, max_pixels), planes);
+  cv::Mat mask = planes[0] != 0;
+  for (size_t i = 1; i < planes.size(); ++i) mask |= planes[i] != 0;
+  return mask;
+}
+
 cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
   cv::Mat raw = decode(path, max_pixels), depth;
   const std::string remedy = "; a depth image is 16-bit with --depth-scale, or 32-bit float in metres, with 1 channel";

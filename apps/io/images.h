@@ -28,6 +28,9 @@ cv::Mat load_image(const std::string& path, uint64_t max_pixels = kMaxPixels);
 /// Throws as load_image does, and Error(invalid_argument) for a wrong type, scale, or a file without a single valid pixel.
 cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels = kMaxPixels);
 
+/// A mask: CV_8UC1, 255 where the file is not 0 (in any of its channels but alpha), else 0. Throws as load_image does.
+cv::Mat load_mask(const std::string& path, uint64_t max_pixels = kMaxPixels);
+
 /// The header of a regular file, checked against `max_pixels` as above. Nothing where it cannot be read: load_image() says why,
 /// if there is a reason.
 std::optional<ImageHeader> peek_image(const std::string& path, uint64_t max_pixels = kMaxPixels);

@@ -101,6 +101,24 @@ TEST_F(BatchChanges, AnImage) {
   expect_redone({"b"});
 }
 
+TEST_F(BatchChanges, AMask) {
+  cv::Mat mask(120, 160, CV_8UC1, cv::Scalar(255));
+  mask(cv::Rect(0, 0, 60, 120)) = 0;
+  cv::imwrite(home_.path("images/mask.png"), mask);
+  const Results open = run(manifest_, results_);
+  std::filesystem::remove(results_);
+  replace_in(manifest_, "\"target\":\"images/b_1.png\"",
+             "\"target\":\"images/b_1.png\",\"target_mask\":\"images/mask.png\"");
+  const Results masked = run(manifest_, results_);
+  EXPECT_EQ(masked.at("a")["T_10"], open.at("a")["T_10"]) << "a pair without a mask beside one that has one";
+  EXPECT_NE(masked.at("b")["T_10"], open.at("b")["T_10"]);
+  EXPECT_LT(masked.at("b")["visible"], open.at("b")["visible"]);
+  mask(cv::Rect(0, 0, 80, 120)) = 0;
+  cv::imwrite(home_.path("images/mask.png"), mask);
+  expect_refused(batch(manifest_, results_), 3, {"'b'", "its target_mask", "images/mask.png was "});
+  expect_redone({"b"});
+}
+
 TEST_F(BatchChanges, TheTimeOfAFileOfTheSameSize) {
   run(manifest_, results_);
   for (const char* name : {"a_0.png", "a_d.png", "a_truth.txt"}) {
