@@ -95,9 +95,7 @@ void add_align(CLI::App& app, int& exit) {
                    "An image of REF's size that is 0 where REF is not to be looked at; features there have no depth")
       ->check(not_empty)
       ->type_name("FILE");
-  command
-      ->add_option("--target-mask", options->files.target_mask,
-                   "The same of TARGET: what moves by itself, dirt on the lens")
+  command->add_option("--target-mask", options->files.target_mask, "The same of TARGET: what moves by itself, dirt on the lens")
       ->check(not_empty)
       ->type_name("FILE");
   options->load.add_to(*command, true);

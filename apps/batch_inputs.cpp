@@ -49,10 +49,15 @@ LineInputs line_inputs(const PairRequest& request, const InputOptions& options) 
                    {"distortion", distortion_text(distortion)},
                    {"depth_scale", options.depth_scale}};
   const PairFiles& files = request.files;
-  const std::pair<const char*, const std::string&> all[] = {
-      {"reference", files.reference},      {"target", files.target},     {"depth", files.depth}, {"features", files.features},
-      {"reference_mask", files.reference_mask}, {"target_mask", files.target_mask}, {"mask", options.mask},
-      {"initial_pose", request.T_10_file}, {"truth", request.truth_file}};
+  const std::pair<const char*, const std::string&> all[] = {{"reference", files.reference},
+                                                            {"target", files.target},
+                                                            {"depth", files.depth},
+                                                            {"features", files.features},
+                                                            {"reference_mask", files.reference_mask},
+                                                            {"target_mask", files.target_mask},
+                                                            {"mask", options.mask},
+                                                            {"initial_pose", request.T_10_file},
+                                                            {"truth", request.truth_file}};
   for (const auto& [name, path] : all) {
     if (path.empty()) continue;
     inputs.values[name] = file_state(path);

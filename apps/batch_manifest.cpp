@@ -19,8 +19,9 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr std::array kKeys = {"id",          "reference", "target",     "depth",        "features", "reference_mask", "target_mask",
-                              "depth_scale", "camera",    "distortion", "initial_pose", "truth",    "meta"};
+constexpr std::array kKeys = {"id",          "reference",   "target", "depth",      "features",     "reference_mask",
+                              "target_mask", "depth_scale", "camera", "distortion", "initial_pose", "truth",
+                              "meta"};
 
 [[noreturn]] void fail(const std::string& where, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, where + ": " + why);

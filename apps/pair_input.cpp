@@ -73,8 +73,7 @@ std::shared_ptr<const Undistorter> PairLoader::undistorter(const Camera& camera)
 uint64_t PairLoader::memory(const PairFiles& files, uint64_t budget) const {
   uint64_t sum = 0, largest = 0;
   std::string name;
-  for (const std::string* file :
-       {&files.reference, &files.target, &files.depth, &files.reference_mask, &files.target_mask}) {
+  for (const std::string* file : {&files.reference, &files.target, &files.depth, &files.reference_mask, &files.target_mask}) {
     const auto header = file->empty() ? std::nullopt : peek_image(*file, options_.max_pixels);
     if (!header) continue;
     ImageHeader decoded = *header;

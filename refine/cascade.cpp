@@ -3,6 +3,7 @@
 #include <chrono>
 
 #include <iclk/engine/error.h>
+#include <iclk/refine/internal/uncertainty.h>
 
 namespace iclk {
 namespace {
@@ -16,6 +17,8 @@ RefinedAlignment unrefined(const CascadePair& pair, Alignment alignment, double 
   RefinedAlignment r;
   r.T_10 = alignment.T_10;
   r.covariance = alignment.covariance;
+  if (!r.covariance.isZero(0))
+    r.covariance += internal::depth_covariance(pair.reference.camera, pair.reference.features, alignment.features, r.T_10, 0);
   r.status = alignment.status;
   r.reason = alignment.reason;
   r.stages = {{"iclk", alignment.T_10, alignment.cost, ms}};

@@ -14,8 +14,8 @@ namespace iclk {
 struct CascadePair {
   Reference reference;
   ImageView target;
-  SE3 T_10;            ///< first guess
-  bool search = true;  ///< Pair::search
+  SE3 T_10;                    ///< first guess
+  bool search = true;          ///< Pair::search
   ImageView target_mask = {};  ///< Pair::target_mask
 };
 

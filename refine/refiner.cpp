@@ -7,6 +7,7 @@
 
 #include <iclk/refine/internal/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/refine/internal/uncertainty.h>
 #include <iclk/shaders/shared.h>
 
 namespace iclk {
@@ -226,7 +227,8 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
         r.reason = r.iclk.reason + "; not refined: " + r.reason;
         r.status = r.iclk.status;
-        r.covariance = r.iclk.covariance;
+        r.covariance = r.iclk.covariance + internal::depth_covariance(view(i).camera, view(i).features, view(i).checks, r.T_10,
+                                                                      poses[i].depth_sigma);
         r.features.clear();  // what was found is not where the pose puts it
       }
       continue;

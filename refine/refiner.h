@@ -54,13 +54,15 @@ struct Attempt {
 /// From ICLK to the refined pose, with every step on the way.
 struct RefinedAlignment {
   Alignment iclk;
-  SE3 T_10;                                ///< the last trustworthy pose: camera 0 to camera 1
-  Matrix6d covariance = Matrix6d::Zero();  ///< of [rho, phi], T_10 = mean Exp(xi); zero unless converged or max_iterations
-  Status status = Status::diverged;        ///< of the whole way
-  std::string reason;                      ///< the status in words, with the numbers that decided it
-  bool refined = false;                    ///< pose and covariance are the refinement's, not ICLK's
-  Recolouring recolouring;                 ///< of the target in the rounds after the first
-  std::vector<Stage> stages;  ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
+  SE3 T_10;  ///< the last trustworthy pose: camera 0 to camera 1
+  /// Of [rho, phi], T_10 = mean Exp(xi); zero unless converged or max_iterations. Where the pose is ICLK's own, Alignment's
+  /// with what errors of the depths add, as far as their sigma is known.
+  Matrix6d covariance = Matrix6d::Zero();
+  Status status = Status::diverged;  ///< of the whole way
+  std::string reason;                ///< the status in words, with the numbers that decided it
+  bool refined = false;              ///< pose and covariance are the refinement's, not ICLK's
+  Recolouring recolouring;           ///< of the target in the rounds after the first
+  std::vector<Stage> stages;         ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
   std::vector<AlignedFeature>
       features;  ///< one a feature of the reference, the last round's; empty if ICLK failed or stands alone
   std::vector<double> inverse_depth;        ///< one a feature: refined by structure, else as given

@@ -115,8 +115,7 @@ void DeviceMatching::find(engine::Recorder& recorder, const engine::Workspace& m
   const uint32_t count = pairs.count;
   recorder.stage("describe");
   grey(recorder, pairs.pixels1, memory[grey1_], 0, count);
-  if (pairs.masks)
-    pairs.masks.record(recorder, pairs.pixels1, memory[grey1_], push_.width, push_.height, push_.scale, count);
+  if (pairs.masks) pairs.masks.record(recorder, pairs.pixels1, memory[grey1_], push_.width, push_.height, push_.scale, count);
   recorder.dispatch(describe_target_, {&memory[grey1_], &memory[descriptors1_]}, push_,
                     {groups_for(static_cast<uint32_t>(match_.places()), sizes_.map), 1, count});
   round(recorder, memory, pairs, true);

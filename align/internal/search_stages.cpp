@@ -61,10 +61,9 @@ void Stages::select(Recorder& recorder, BufferId candidates, BufferId kept, uint
 
 void Stages::search(Recorder& recorder, uint32_t pairs) const {
   if (matching)
-    matching.find(
-        recorder, memory,
-        {at(ids.pixels1), at(ids.references), at(ids.features), run[run_ids.pairs], run[*run_ids.starts],
-         kernels.target_masks, pairs, features});
+    matching.find(recorder, memory,
+                  {at(ids.pixels1), at(ids.references), at(ids.features), run[run_ids.pairs], run[*run_ids.starts],
+                   kernels.target_masks, pairs, features});
   recorder.stage("search");
   const StartSearch& search = options.search;
   const auto starts = static_cast<uint32_t>(search.starts());

@@ -10,6 +10,8 @@
 #include <Eigen/LU>
 #include <Eigen/QR>
 
+#include <iclk/shaders/shared.h>
+
 namespace iclk::internal {
 namespace {
 
@@ -161,6 +163,32 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
   const Vector6d by_depth = kCommonDepth * H.solve(J.transpose() * depth);
   shared.covariance = mean / sum * by_calibration * by_calibration.transpose() + by_depth * by_depth.transpose();
   return shared;
+}
+
+Matrix6d depth_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
+                          double relative_depth) {
+  Matrix6d H = Matrix6d::Zero(), single = Matrix6d::Zero();
+  Vector6d common = Vector6d::Zero();
+  for (size_t i = 0; i < checks.size(); ++i) {
+    if (checks[i] != FeatureCheck::ok) continue;
+    const double q = features.inverse_depth[i];
+    const double own = i < features.inverse_depth_sigma.size() ? features.inverse_depth_sigma[i] / q : 0;
+    const Eigen::Vector3d p = T_10.R * camera.ray(features.uv[i]) + q * T_10.t;
+    if (!(p.z() > 0) || !camera.contains(camera.project(p))) continue;
+    const Eigen::Matrix<double, 2, 6> J = reprojection_jacobian(camera, T_10, camera.ray(features.uv[i]) / q);
+    const Vector6d s = J.transpose() * (camera.project_jacobian(p) * T_10.t * q) * (own > 0 ? own : relative_depth);
+    H += J.transpose() * J;
+    single += s * s.transpose();
+    common += kCommonDepth * s;
+  }
+  const Vector6d diagonal = H.diagonal();
+  if (!(diagonal.minCoeff() > 0)) return Matrix6d::Zero();
+  const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();  // metres beside radians
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(unit.asDiagonal() * H * unit.asDiagonal());
+  if (!(eigen.eigenvalues()(0) > ICLK_LEAST_EIGENVALUE)) return Matrix6d::Zero();
+  const Matrix6d inverse = unit.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
+                           eigen.eigenvectors().transpose() * unit.asDiagonal();
+  return inverse * (single + common * common.transpose()) * inverse;
 }
 
 }  // namespace iclk::internal

@@ -40,4 +40,10 @@ struct SharedErrors {
 SharedErrors shared_errors(const Camera& camera, std::span<const Observation> observations, const SE3& T_10, double scale,
                            double relative_depth);
 
+/// What errors of the inverse depths do to a pose that every patch of 8x8 pixels that it puts into image 1 has had the same say
+/// in: the part of the covariance of ICLK's own pose that its residuals cannot show. The sigma is the feature's own, else
+/// `relative_depth`; half of it is common to all, as above. Zero where the features do not determine the pose.
+Matrix6d depth_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
+                          double relative_depth);
+
 }  // namespace iclk::internal

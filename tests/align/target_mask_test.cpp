@@ -13,11 +13,14 @@ namespace {
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
 struct Mask {
-  Mask(int width, int height) : width(width), height(height), data(static_cast<size_t>(width) * static_cast<size_t>(height), 255) {}
+  Mask(int width, int height)
+      : width(width), height(height), data(static_cast<size_t>(width) * static_cast<size_t>(height), 255) {}
   void hide(int u0, int v0, int u1, int v1) {
     for (int v = v0; v < v1; ++v) std::fill_n(data.begin() + static_cast<long>(v) * width + u0, u1 - u0, uint8_t{0});
   }
-  bool hides(int u, int v) const { return data[static_cast<size_t>(v) * static_cast<size_t>(width) + static_cast<size_t>(u)] == 0; }
+  bool hides(int u, int v) const {
+    return data[static_cast<size_t>(v) * static_cast<size_t>(width) + static_cast<size_t>(u)] == 0;
+  }
   ImageView view() const { return {data.data(), width, height, 0, PixelFormat::r8}; }
   int width, height;
   std::vector<uint8_t> data;
@@ -37,7 +40,8 @@ struct Occluded {
     mask.hide(30, 20, 100, 100);
     for (int v = 0; v < mask.height; ++v)
       for (int u = 0; u < mask.width; ++u)
-        if (mask.hides(u, v)) image1.data[static_cast<size_t>(v * mask.width + u)] = foreign.data[static_cast<size_t>(v * mask.width + u)];
+        if (mask.hides(u, v))
+          image1.data[static_cast<size_t>(v * mask.width + u)] = foreign.data[static_cast<size_t>(v * mask.width + u)];
   }
   Frame with(float value) const {
     Frame image = image1;

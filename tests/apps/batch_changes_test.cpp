@@ -107,8 +107,7 @@ TEST_F(BatchChanges, AMask) {
   cv::imwrite(home_.path("images/mask.png"), mask);
   const Results open = run(manifest_, results_);
   std::filesystem::remove(results_);
-  replace_in(manifest_, "\"target\":\"images/b_1.png\"",
-             "\"target\":\"images/b_1.png\",\"target_mask\":\"images/mask.png\"");
+  replace_in(manifest_, "\"target\":\"images/b_1.png\"", "\"target\":\"images/b_1.png\",\"target_mask\":\"images/mask.png\"");
   const Results masked = run(manifest_, results_);
   EXPECT_EQ(masked.at("a")["T_10"], open.at("a")["T_10"]) << "a pair without a mask beside one that has one";
   EXPECT_NE(masked.at("b")["T_10"], open.at("b")["T_10"]);

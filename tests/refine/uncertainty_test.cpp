@@ -6,7 +6,10 @@
 #include <Eigen/Cholesky>
 
 #include <iclk/engine/error.h>
+#include <iclk/refine/cascade.h>
 #include <iclk/refine/pose.h>
+
+#include "relief.h"
 
 namespace iclk {
 namespace {
@@ -159,6 +162,40 @@ TEST(Uncertainty, StillMovingIsNotCertain) {
   const PoseResult r = refine_pose(kCamera, o.features, o.aligned, o.T_10 * SE3::exp(d), options);
   ASSERT_EQ(r.status, Status::max_iterations) << r.reason;
   EXPECT_GT(r.covariance.diagonal().minCoeff(), 0);
+}
+
+// ICLK's own pose, where nothing refines it: what its residuals cannot show is added from the sigma of the depths.
+TEST(OwnCovariance, KnowsTheSigmaOfDepths) {
+  constexpr double kSigma = 0.04;
+  constexpr int kTrials = 24;
+  Plan plan{160, 120};
+  plan.max_features = 60;
+  plan.format = PixelFormat::r32f;
+  Cascade cascade({{"classical", [&] { return make_cpu_aligner(plan); }, std::nullopt}});
+  double with = 0, without = 0;
+  for (uint32_t trial = 0; trial < kTrials; ++trial) {
+    test::Relief scene;
+    scene.seed = trial + 1;
+    scene.T_10 = SE3::exp((Vector6d() << 0.16, -0.12, 0.1, 0.01, -0.012, 0.02).finished());
+    Features features = test::random_features(scene, 60, trial);
+    std::mt19937 random(trial);
+    std::normal_distribution<double> normal(0, 1);
+    for (double& q : features.inverse_depth) q *= 1 + kSigma * normal(random);
+    const test::Frame image0 = test::render(scene, 0), image1 = test::render(scene, 1);
+    const auto nees = [&](const Features& given) {
+      const CascadePair pair{{image0.view(), scene.camera, given, {}}, image1.view(), {}};
+      const RefinedAlignment r = cascade.align(std::span(&pair, 1)).front();
+      EXPECT_TRUE(r.converged()) << r.reason;
+      const Vector6d xi = (r.T_10.inverse() * scene.T_10).log();
+      return xi.dot(r.covariance.ldlt().solve(xi)) / 6;
+    };
+    without += nees(features) / kTrials;
+    for (const double q : features.inverse_depth) features.inverse_depth_sigma.push_back(kSigma * q);
+    with += nees(features) / kTrials;
+  }
+  EXPECT_GT(without, 4) << "the depths are too good to show anything";
+  EXPECT_GT(with, 0.3);
+  EXPECT_LT(with, 2);
 }
 
 }  // namespace
