@@ -44,7 +44,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       plan(checked(plan_, options_, solver_, model.get())),
       options(options_),
       solver(solver_),
-      layout(plan, options, model.get()),
+      layout(plan, options, model.get(), context->storage_reads()),
       sizes(context->info().type, options),
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, layout, sizes),
@@ -81,7 +81,7 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
                                                   const AlignerOptions& options, Solver solver,
                                                   const std::shared_ptr<const Model>& model, const Tuning& tuning) {
   checked(plan, options, solver, model.get());
-  const internal::Layout layout(plan, options, model.get());
+  const internal::Layout layout(plan, options, model.get(), context.storage_reads());
   const internal::WorkgroupSizes sizes(context.info().type, options);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);

@@ -51,7 +51,7 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
       : aligner_(aligner),
         m_(m),
         references_(m.layout.learned),
-        layout_(m.plan, references_ ? with_finest_levels(m.options) : m.options),
+        layout_(m.plan, references_ ? with_finest_levels(m.options) : m.options, nullptr, m.context->storage_reads()),
         pyramid_(m.context, m.plan.format, layout_, m.sizes.map),
         masks_(m.plan.target_masks ? internal::TargetMasks(m.context, m.plan, layout_, m.sizes.map) : internal::TargetMasks()),
         ids_(layout_, references_ ? m.plan.max_references : 0, m.batch),

@@ -1,10 +1,11 @@
-# iclk_shaders(target [SOURCE_DIR dir] file.comp ...): compiles dir/file.comp (default shaders/) to SPIR-V at build time and
-# embeds it: the generated header "file.comp.spv.h" holds the words as the array `file_comp_spv`.
+# iclk_shaders(target [SOURCE_DIR dir] [PLAIN] file.comp ...): compiles dir/file.comp (default shaders/) to SPIR-V at build time
+# and embeds it. The generated header "file.comp.spv.h" holds both builds (shaders/texels.glsl) as `file_comp_spv`, an
+# engine::ShaderCode; with PLAIN the words of the first alone, as an array, for who does without the engine.
 # Every shader is rebuilt when any GLSL header changes.
 find_program(ICLK_GLSLANG glslangValidator REQUIRED)
 
 function(iclk_shaders target)
-  cmake_parse_arguments(arg "" "SOURCE_DIR" "" ${ARGN})
+  cmake_parse_arguments(arg "PLAIN" "SOURCE_DIR" "" ${ARGN})
   set(header_dir ${PROJECT_SOURCE_DIR}/shaders)
   if(NOT arg_SOURCE_DIR)
     set(arg_SOURCE_DIR ${header_dir})
@@ -14,13 +15,28 @@ function(iclk_shaders target)
   file(GLOB headers CONFIGURE_DEPENDS ${header_dir}/*.glsl ${header_dir}/*.h ${arg_SOURCE_DIR}/*.glsl)
   foreach(shader ${arg_UNPARSED_ARGUMENTS})
     string(REPLACE "." "_" symbol ${shader})
-    set(output ${output_dir}/${shader}.spv.h)
-    add_custom_command(OUTPUT ${output}
-      COMMAND ${ICLK_GLSLANG} -V --target-env vulkan1.1 --quiet -I${header_dir}
-              --vn ${symbol}_spv -o ${output} ${arg_SOURCE_DIR}/${shader}
-      DEPENDS ${arg_SOURCE_DIR}/${shader} ${headers}
-      COMMENT "SPIR-V ${shader}" VERBATIM)
-    list(APPEND outputs ${output})
+    set(output ${output_dir}/${shader})
+    set(compile ${ICLK_GLSLANG} -V --target-env vulkan1.1 --quiet -I${header_dir})
+    if(arg_PLAIN)
+      set(commands COMMAND ${compile} --vn ${symbol}_spv -o ${output}.spv.h ${arg_SOURCE_DIR}/${shader})
+      set(made ${output}.spv.h)
+    else()
+      file(CONFIGURE OUTPUT ${output}.spv.h @ONLY CONTENT [[
+#pragma once
+#include <iclk/engine/kernel.h>
+
+#include "@shader@.texels.h"
+#include "@shader@.storage.h"
+
+constexpr iclk::engine::ShaderCode @symbol@_spv(@symbol@_texels, @symbol@_storage);
+]])
+      set(commands
+        COMMAND ${compile} --vn ${symbol}_texels -o ${output}.texels.h ${arg_SOURCE_DIR}/${shader}
+        COMMAND ${compile} -DICLK_STORAGE_READS --vn ${symbol}_storage -o ${output}.storage.h ${arg_SOURCE_DIR}/${shader})
+      set(made ${output}.texels.h ${output}.storage.h)
+    endif()
+    add_custom_command(OUTPUT ${made} ${commands} DEPENDS ${arg_SOURCE_DIR}/${shader} ${headers} COMMENT "SPIR-V ${shader}" VERBATIM)
+    list(APPEND outputs ${made})
   endforeach()
   target_sources(${target} PRIVATE ${outputs})
   target_include_directories(${target} PRIVATE ${output_dir})

@@ -1,5 +1,7 @@
 #include <iclk/engine/context.h>
 
+#include <limits>
+
 #include <iclk/engine/internal/instance.h>
 #include <iclk/engine/result.h>
 
@@ -28,10 +30,12 @@ struct ContextBuilder {
   static std::shared_ptr<Context> make() { return std::shared_ptr<Context>(new Context); }
 
   /// Everything that follows from the physical device and the queue family.
-  static void describe(Context& c, const DeviceCapabilities& capabilities) {
+  static void describe(Context& c, const DeviceCapabilities& capabilities, bool storage_reads) {
     const InstanceFunctions& vk = c.instance_functions_;
     c.info_ = info_of(vk, c.physical_device_, capabilities);
     c.limits_ = capabilities.limits;
+    c.storage_reads_ = storage_reads || c.limits_.maxTexelBufferElements < kLeastTexels;
+    if (c.storage_reads_) c.limits_.maxTexelBufferElements = std::numeric_limits<uint32_t>::max();
     c.timestamp_valid_bits_ = capabilities.queue_families[c.queue_family_].timestampValidBits;
     vk.GetPhysicalDeviceMemoryProperties(c.physical_device_, &c.memory_);
     VkPhysicalDeviceMaintenance3Properties maintenance{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES};
@@ -98,7 +102,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   c.device_ = device;
   c.owns_device_ = true;
   c.vk_.GetDeviceQueue(device, c.queue_family_, 0, &c.queue_);
-  describe(c, capabilities[choice.index]);
+  describe(c, capabilities[choice.index], options.storage_reads);
   if (!options.subgroups) c.info_.subgroup_operations = 0;
   make_pipeline_cache(c);
   if (instance->validation())
@@ -135,7 +139,7 @@ std::shared_ptr<Context> ContextBuilder::adopt(const HostDevice& host) {
   c.instance_ = host.instance;
   c.physical_device_ = host.physical_device;
   c.queue_family_ = host.queue_family;
-  describe(c, capabilities);
+  describe(c, capabilities, false);
   if (!c.info_.rejected.empty()) throw Error(ErrorCode::unsupported, c.info_.name + ": " + c.info_.rejected);
   c.vk_ = load_device_functions(c.instance_functions_.GetDeviceProcAddr, host.device);
   c.device_ = host.device;

@@ -19,6 +19,7 @@ struct ContextOptions {
   bool validation = false;
   /// Receives what validation has to say. May be called from any thread that uses the context, one call at a time.
   std::function<void(MessageSeverity, const std::string&)> on_message;
+  bool storage_reads = false;  ///< read storage buffers in place of texel buffers, though these are large enough
   bool subgroups = true;  ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
 };
 
@@ -36,6 +37,10 @@ struct HostDevice {
   std::function<void()> lock_queue, unlock_queue;
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;  ///< null: the context makes its own
 };
+
+/// Elements of a texel buffer with which images of a few megapixels can be read through one. Vulkan promises 65,536; desktop
+/// GPUs have 2^26 and more.
+inline constexpr uint32_t kLeastTexels = 1u << 24;
 
 /// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions hold a shared_ptr to it, so the order
 /// in which they are destroyed does not matter. Nothing is shared between contexts.
@@ -59,6 +64,9 @@ class Context {
   const VkPhysicalDeviceLimits& limits() const { return limits_; }
   const VkPhysicalDeviceMemoryProperties& memory_properties() const { return memory_; }
   VkDeviceSize max_allocation() const { return max_allocation_; }  ///< bytes of one vkAllocateMemory
+  /// Texel buffers of this device end below kLeastTexels: BindingKind::texel_read is storage_read here, buffers have no texel
+  /// views, and limits().maxTexelBufferElements says that nothing ends there.
+  bool storage_reads() const { return storage_reads_; }
   /// CPU or integrated: device memory is host memory, and buffers of MemoryKind::device are mapped where possible.
   bool unified_memory() const { return info_.type == DeviceType::cpu || info_.type == DeviceType::integrated; }
 
@@ -87,7 +95,8 @@ class Context {
   VkQueue queue_ = VK_NULL_HANDLE;
   uint32_t queue_family_ = 0, timestamp_valid_bits_ = 0;
   VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
-  bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false;
+  bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false,
+       storage_reads_ = false;
   DeviceInfo info_;
   VkPhysicalDeviceLimits limits_{};
   VkPhysicalDeviceMemoryProperties memory_{};

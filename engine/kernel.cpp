@@ -9,10 +9,28 @@
 namespace iclk::engine {
 namespace {
 
+std::string who_of(const KernelDescription& d) { return std::string("kernel '") + d.name + "': "; }
+
+/// As the context reads: texel buffers, or storage buffers in their place.
+KernelDescription suited(const Context& context, KernelDescription d) {
+  if (!context.storage_reads()) return d;
+  if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::image_read) > 0)
+    throw Error(ErrorCode::unsupported, who_of(d) + "reads storage texel buffers, for which those of " + context.info().name +
+                                            " are too small");
+  if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read) == 0) return d;
+  if (d.spirv.storage.empty())
+    throw Error(ErrorCode::unsupported,
+                who_of(d) + "has no build for " + context.info().name + ", whose texel buffers are too small");
+  std::replace(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read, BindingKind::storage_read);
+  d.spirv.texels = d.spirv.storage;
+  return d;
+}
+
 void check_description(const Context& context, const KernelDescription& d) {
-  const std::string who = std::string("kernel '") + d.name + "': ";
+  const std::string who = who_of(d);
   const VkPhysicalDeviceLimits& limits = context.limits();
-  if (d.spirv.size() < 5 || d.spirv[0] != 0x07230203u) throw Error(ErrorCode::invalid_argument, who + "this is not SPIR-V");
+  const std::span<const uint32_t> words = d.spirv.texels;
+  if (words.size() < 5 || words[0] != 0x07230203u) throw Error(ErrorCode::invalid_argument, who + "this is not SPIR-V");
   if (d.push_constant_bytes % 4)
     throw Error(ErrorCode::invalid_argument,
                 who + std::to_string(d.push_constant_bytes) + " push constant bytes: no multiple of 4");
@@ -47,11 +65,10 @@ VkDescriptorType descriptor_type(BindingKind kind) {
   }
 }
 
-Kernel::Kernel(std::shared_ptr<const Context> context, const KernelDescription& description)
-    : context_(std::move(context)),
-      name_(description.name),
-      bindings_(description.bindings),
-      push_constant_bytes_(description.push_constant_bytes) {
+Kernel::Kernel(std::shared_ptr<const Context> context, const KernelDescription& wanted)
+    : context_(std::move(context)), name_(wanted.name), push_constant_bytes_(wanted.push_constant_bytes) {
+  const KernelDescription description = suited(*context_, wanted);
+  bindings_ = description.bindings;
   check_description(*context_, description);
   try {
     create(description);
@@ -85,8 +102,8 @@ void Kernel::create(const KernelDescription& description) {
   for (uint32_t i = 0; i < description.specialization.size(); ++i) entries.push_back({i, i * 4, 4});
   const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(), entries.size() * 4,
                                             description.specialization.data()};
-  const VkShaderModuleCreateInfo code{VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, nullptr, 0, description.spirv.size_bytes(),
-                                      description.spirv.data()};
+  const VkShaderModuleCreateInfo code{VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, nullptr, 0,
+                                      description.spirv.texels.size_bytes(), description.spirv.texels.data()};
   VkShaderModule module = VK_NULL_HANDLE;
   check(vk.CreateShaderModule(device, &code, nullptr, &module), "vkCreateShaderModule", name_);
   VkComputePipelineCreateInfo info{VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};

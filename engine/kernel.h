@@ -14,15 +14,25 @@ enum class BindingKind : uint8_t {
   storage_read,        ///< readonly buffer
   storage_write,       ///< writeonly buffer
   storage_read_write,  ///< buffer
-  texel_read,          ///< (u)samplerBuffer / textureBuffer: a uniform texel buffer
+  texel_read,          ///< (u)samplerBuffer / textureBuffer: a uniform texel buffer; storage_read where the context wants that
   image_read,          ///< readonly imageBuffer: a storage texel buffer
   uniform,             ///< uniform block
+};
+
+/// A shader in two builds (shaders/texels.glsl): arrays that are only read are texel buffers, or storage buffers. A kernel
+/// takes the one that suits its context (Context::storage_reads). Words of SPIR-V, which must outlive the kernel's making.
+struct ShaderCode {
+  constexpr ShaderCode() = default;
+  /// A shader without texel_read bindings needs no second build.
+  template <class Words>
+  constexpr ShaderCode(const Words& words, std::span<const uint32_t> storage_build = {}) : texels(words), storage(storage_build) {}
+  std::span<const uint32_t> texels, storage;
 };
 
 /// A compute shader with entry point main() and its bindings: set 0, binding i = bindings[i].
 struct KernelDescription {
   const char* name = "";            ///< of the stage, for messages and profiles
-  std::span<const uint32_t> spirv;  ///< read during construction only
+  ShaderCode spirv;                 ///< read during construction only
   std::vector<BindingKind> bindings;
   uint32_t push_constant_bytes = 0;  ///< a multiple of 4
   /// Element i is constant_id i, bit pattern of a 32-bit type (bool: 0 or 1). By convention id 0 is local_size_x_id where a
@@ -41,7 +51,7 @@ class Kernel {
   Kernel& operator=(Kernel&& other) noexcept;
 
   const std::string& name() const { return name_; }
-  std::span<const BindingKind> bindings() const { return bindings_; }
+  std::span<const BindingKind> bindings() const { return bindings_; }  ///< texel_read only where it is one
   uint32_t push_constant_bytes() const { return push_constant_bytes_; }
   VkPipeline pipeline() const { return pipeline_; }
   VkPipelineLayout layout() const { return layout_; }

@@ -13,8 +13,13 @@ VkDeviceSize rounded(VkDeviceSize bytes) { return (bytes + 15) / 16 * 16; }
 
 bool has_view(BufferUse use) { return has(use, BufferUse::texel | BufferUse::image); }
 
+/// Of a buffer as this context reads it.
+BufferUse use_on(const Context& context, BufferUse use) {
+  return has_view(use) && context.storage_reads() ? BufferUse::storage : use;
+}
+
 /// Limits of the device that a single buffer may break.
-void check_limits(const Context& context, const BufferDescription& buffer) {
+void check_limits(const Context& context, const BufferDescription& buffer, BufferUse use) {
   const VkPhysicalDeviceLimits& limits = context.limits();
   const VkDeviceSize bytes = rounded(buffer.bytes);
   const auto reject = [&](VkDeviceSize has, const char* limit, const std::string& needs) {
@@ -22,18 +27,18 @@ void check_limits(const Context& context, const BufferDescription& buffer) {
                                             limit + " " + std::to_string(has) +
                                             "; plan smaller images or fewer pairs at a time");
   };
-  if (has(buffer.use, BufferUse::storage) && bytes > limits.maxStorageBufferRange)
+  if (has(use, BufferUse::storage) && bytes > limits.maxStorageBufferRange)
     reject(limits.maxStorageBufferRange, "maxStorageBufferRange", bytes_in_words(bytes));
-  if (has(buffer.use, BufferUse::uniform) && bytes > limits.maxUniformBufferRange)
+  if (has(use, BufferUse::uniform) && bytes > limits.maxUniformBufferRange)
     reject(limits.maxUniformBufferRange, "maxUniformBufferRange", bytes_in_words(bytes));
-  if (!has_view(buffer.use)) return;
+  if (!has_view(use)) return;
   if (const VkDeviceSize texels = bytes / texel_bytes(buffer.texel_format); texels > limits.maxTexelBufferElements)
     reject(limits.maxTexelBufferElements, "maxTexelBufferElements", std::to_string(texels) + " texels");
   VkFormatProperties format;
   context.instance_functions().GetPhysicalDeviceFormatProperties(context.physical_device(), buffer.texel_format, &format);
   VkFormatFeatureFlags needed = 0;
-  if (has(buffer.use, BufferUse::texel)) needed |= VK_FORMAT_FEATURE_UNIFORM_TEXEL_BUFFER_BIT;
-  if (has(buffer.use, BufferUse::image)) needed |= VK_FORMAT_FEATURE_STORAGE_TEXEL_BUFFER_BIT;
+  if (has(use, BufferUse::texel)) needed |= VK_FORMAT_FEATURE_UNIFORM_TEXEL_BUFFER_BIT;
+  if (has(use, BufferUse::image)) needed |= VK_FORMAT_FEATURE_STORAGE_TEXEL_BUFFER_BIT;
   if ((format.bufferFeatures & needed) != needed)
     throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "': " + context.info().name +
                                             " has no texel buffers of VkFormat " + std::to_string(buffer.texel_format));
@@ -44,14 +49,15 @@ VkBuffer create_buffer(const Context& context, const BufferDescription& buffer) 
   if (buffer.bytes > VkDeviceSize{1} << 48)
     throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + bytes_in_words(buffer.bytes) +
                                             ", more than any device has; plan smaller images or fewer pairs at a time");
-  check_limits(context, buffer);
+  const BufferUse use = use_on(context, buffer.use);
+  check_limits(context, buffer, use);
   VkBufferCreateInfo info{VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO};
   info.size = rounded(buffer.bytes);
   info.usage = VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT;
-  if (has(buffer.use, BufferUse::storage)) info.usage |= VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
-  if (has(buffer.use, BufferUse::texel)) info.usage |= VK_BUFFER_USAGE_UNIFORM_TEXEL_BUFFER_BIT;
-  if (has(buffer.use, BufferUse::image)) info.usage |= VK_BUFFER_USAGE_STORAGE_TEXEL_BUFFER_BIT;
-  if (has(buffer.use, BufferUse::uniform)) info.usage |= VK_BUFFER_USAGE_UNIFORM_BUFFER_BIT;
+  if (has(use, BufferUse::storage)) info.usage |= VK_BUFFER_USAGE_STORAGE_BUFFER_BIT;
+  if (has(use, BufferUse::texel)) info.usage |= VK_BUFFER_USAGE_UNIFORM_TEXEL_BUFFER_BIT;
+  if (has(use, BufferUse::image)) info.usage |= VK_BUFFER_USAGE_STORAGE_TEXEL_BUFFER_BIT;
+  if (has(use, BufferUse::uniform)) info.usage |= VK_BUFFER_USAGE_UNIFORM_BUFFER_BIT;
   info.sharingMode = VK_SHARING_MODE_EXCLUSIVE;
   VkBuffer handle = VK_NULL_HANDLE;
   check(context.vk().CreateBuffer(context.device(), &info, nullptr, &handle), "vkCreateBuffer",
@@ -139,7 +145,7 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
       check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory",
             description.name);
       if (mapped[place.chunk]) buffer.mapped = mapped[place.chunk] + place.offset;
-      if (!has_view(description.use)) continue;
+      if (!has_view(use_on(*context_, description.use))) continue;
       const VkBufferViewCreateInfo view{
           VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle, description.texel_format, 0, VK_WHOLE_SIZE};
       check(vk.CreateBufferView(device, &view, nullptr, &buffer.view), "vkCreateBufferView", description.name);

@@ -34,7 +34,6 @@ std::string unmet(const DeviceRequirements& needed, const DeviceCapabilities& de
       add("no " + extension);
   if (lacks_feature(needed.features, device.features)) add("a core feature is missing");
   if (choose_queue_family(device.queue_families, needed.queue_flags) < 0) add("no queue family with compute");
-  at_least("maxTexelBufferElements", device.limits.maxTexelBufferElements, needed.max_texel_buffer_elements);
   at_least("maxPerStageDescriptorStorageBuffers", device.limits.maxPerStageDescriptorStorageBuffers,
            needed.max_storage_buffers);
   at_least("maxPushConstantsSize", device.limits.maxPushConstantsSize, needed.max_push_constants_size);

@@ -15,7 +15,6 @@ struct DeviceRequirements {
   VkPhysicalDeviceFeatures features{};              ///< to enable: none
   VkQueueFlags queue_flags = VK_QUEUE_COMPUTE_BIT;  ///< of the queue's family; transfers are implied by compute
   // Limits, at least:
-  uint32_t max_texel_buffer_elements = 1u << 24;
   uint32_t max_storage_buffers = 8;        ///< bound in one kernel
   uint32_t max_push_constants_size = 128;  ///< bytes
   uint32_t max_workgroup_invocations = 128;

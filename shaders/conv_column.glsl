@@ -4,9 +4,10 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "network.h"
 layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0) uniform samplerBuffer activations;
-layout(set = 0, binding = 1) uniform samplerBuffer weights;
-#define FETCH texelFetch
+#include "texels.glsl"
+TEXELS(1, vec4, weights)
+#define FETCH TEXEL
+#define IN_BINDING 0
 #define OUT_BINDING 2
 #include "activations.glsl"
 #ifdef ITEMS

@@ -24,7 +24,7 @@ void main() {
     int kx = 0;
     do {
       vec4 v[ICLK_CONV_ROWS + 2];
-      [[unroll]] for (int r = 0; r < R + 2; ++r) v[r] = texelFetch(activations, at + kx * dilation + r * step);
+      [[unroll]] for (int r = 0; r < R + 2; ++r) v[r] = TEXEL(activations, at + kx * dilation + r * step);
       vec4 lo[3][4], hi[3][4];
       [[unroll]] for (int ky = 0; ky < 3; ++ky) {
         int block_at = w + (kx * 3 + ky) * 8;
@@ -58,7 +58,7 @@ void main() {
   [[unroll]] for (int h = 0; h < 2; ++h) {
     uint plane = 2u * gl_WorkGroupID.x + uint(h);
     if (plane >= push.out_planes) return;
-    vec4 bias = texelFetch(weights, int(push.bias + plane));
+    vec4 bias = TEXEL(weights, int(push.bias + plane));
     [[unroll]] for (int r = 0; r < R; ++r) {
       int v = y + r * dilation;
       vec4 value = elu(acc[r][h] + bias);

@@ -4,13 +4,14 @@
 // Groups: (1, 1, pairs).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
 layout(set = 0, binding = 2, std430) readonly buffer FeatureList { vec4 features[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Matches { MatchInfo matches[]; };
-layout(set = 0, binding = 4) uniform samplerBuffer descriptors0;
-layout(set = 0, binding = 5) uniform samplerBuffer descriptors1;
+TEXELS(4, vec4, descriptors0)
+TEXELS(5, vec4, descriptors1)
 // Of a pair (count, share that repeats, -, -) and (-), then of each correspondence (point, how distinct) and (u, v, -, -).
 layout(set = 0, binding = 6, std430) writeonly buffer Correspondences { vec4 correspondences[]; };
 layout(push_constant) uniform Push { MatchPush push; };
@@ -24,8 +25,8 @@ vec4 t0, t1, t2, t3;  // of the feature
 
 float score_at(int u, int v) {
   int texel = (base + v * places_x + u) * ICLK_MATCH_TEXELS;
-  return dot(texelFetch(descriptors1, texel), t0) + dot(texelFetch(descriptors1, texel + 1), t1) +
-         dot(texelFetch(descriptors1, texel + 2), t2) + dot(texelFetch(descriptors1, texel + 3), t3);
+  return dot(TEXEL(descriptors1, texel), t0) + dot(TEXEL(descriptors1, texel + 1), t1) +
+         dot(TEXEL(descriptors1, texel + 2), t2) + dot(TEXEL(descriptors1, texel + 3), t3);
 }
 
 // Where the parabola through three neighbours has its maximum.
@@ -66,18 +67,18 @@ void main() {
     int roll = from;
     float most = -2.0;
     for (uint k = 0u; k < push.rolls; ++k, from += ICLK_MATCH_TEXELS) {
-      t0 = texelFetch(descriptors0, from);
-      t1 = texelFetch(descriptors0, from + 1);
-      t2 = texelFetch(descriptors0, from + 2);
-      t3 = texelFetch(descriptors0, from + 3);
+      t0 = TEXEL(descriptors0, from);
+      t1 = TEXEL(descriptors0, from + 1);
+      t2 = TEXEL(descriptors0, from + 2);
+      t3 = TEXEL(descriptors0, from + 3);
       float score = score_at(u, v);
       roll = score > most ? from : roll;
       most = max(most, score);
     }
-    t0 = texelFetch(descriptors0, roll);
-    t1 = texelFetch(descriptors0, roll + 1);
-    t2 = texelFetch(descriptors0, roll + 2);
-    t3 = texelFetch(descriptors0, roll + 3);
+    t0 = TEXEL(descriptors0, roll);
+    t1 = TEXEL(descriptors0, roll + 1);
+    t2 = TEXEL(descriptors0, roll + 2);
+    t3 = TEXEL(descriptors0, roll + 3);
     vec2 at = vec2(u, v);
     if (u > 0 && u < places_x - 1) at.x += peak(score_at(u - 1, v), most, score_at(u + 1, v));
     if (v > 0 && v < places_y - 1) at.y += peak(score_at(u, v - 1), most, score_at(u, v + 1));

@@ -3,8 +3,9 @@
 // rolled by so much. Groups: (ceil(features rolls / local size), 1, references).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0) uniform samplerBuffer grey;
+TEXELS(0, float, grey)
 layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 2, std430) readonly buffer FeatureList { vec4 features[]; };
 layout(set = 0, binding = 3, std430) writeonly buffer Descriptors { vec4 descriptors[]; };
@@ -19,8 +20,8 @@ float sampled(vec2 at) {
   at = clamp(at, vec2(0.0), vec2(width - 1, height - 1));
   vec2 first = min(floor(at), vec2(width - 2, height - 2)), f = at - first;
   int k = base + int(first.y) * width + int(first.x);
-  vec2 upper = vec2(texelFetch(grey, k).x, texelFetch(grey, k + 1).x);
-  vec2 lower = vec2(texelFetch(grey, k + width).x, texelFetch(grey, k + width + 1).x);
+  vec2 upper = vec2(TEXEL(grey, k).x, TEXEL(grey, k + 1).x);
+  vec2 lower = vec2(TEXEL(grey, k + width).x, TEXEL(grey, k + width + 1).x);
   vec2 column = mix(upper, lower, f.y);
   return mix(column.x, column.y, f.x);
 }

@@ -2,13 +2,14 @@
 // Descriptors of all places of the targets' grey maps. Groups: (ceil(places / local size), 1, targets).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0) uniform samplerBuffer grey;
+TEXELS(0, float, grey)
 layout(set = 0, binding = 1, std430) writeonly buffer Descriptors { vec4 descriptors[]; };
 layout(push_constant) uniform Push { MatchPush push; };
 #include "match_descriptor.glsl"
 
-float at(int k) { return texelFetch(grey, k).x; }
+float at(int k) { return TEXEL(grey, k).x; }
 
 void main() {
   int width = int(push.width), places_x = width - ICLK_PATCH + 1, places = places_x * (int(push.height) - ICLK_PATCH + 1);

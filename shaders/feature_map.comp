@@ -6,7 +6,7 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "network.h"
 layout(local_size_x_id = 0) in;
-layout(set = 0, binding = 0) uniform samplerBuffer activations;
+#define IN_BINDING 0
 #define OUT_BINDING 2
 #include "activations.glsl"
 layout(push_constant) uniform Push { FeatureMapPush push; };
@@ -26,8 +26,8 @@ void main() {
   vec4 sum[4] = vec4[](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
   do {
     // Beyond the last row or column lies the border.
-    vec4 a = texelFetch(activations, at), b = texelFetch(activations, at + 1);
-    vec4 d = texelFetch(activations, at + pitch), e = texelFetch(activations, at + pitch + 1);
+    vec4 a = TEXEL(activations, at), b = TEXEL(activations, at + 1);
+    vec4 d = TEXEL(activations, at + pitch), e = TEXEL(activations, at + pitch + 1);
     sum[0] += a;
     sum[1] += b;
     sum[2] += d;

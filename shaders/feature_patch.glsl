@@ -1,6 +1,7 @@
 // Patches of features and where a pose takes them: what feature_alignment.comp and colour_sums.comp share. One feature a
 // workgroup, one row of its 8x8 patch an invocation.
 #include "shared.h"
+#include "texels.glsl"
 #include "level.glsl"
 #include "se3.glsl"
 layout(local_size_x = ICLK_PATCH) in;
@@ -9,10 +10,10 @@ layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]
 layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Tasks { FeatureTask tasks[]; };
 layout(set = 0, binding = 3, std430) readonly buffer FeatureList { FeatureInfo features[]; };
-layout(set = 0, binding = 4) uniform samplerBuffer fine0;  // level 0
-layout(set = 0, binding = 5) uniform samplerBuffer fine1;
-layout(set = 0, binding = 6) uniform samplerBuffer maps0;  // the others
-layout(set = 0, binding = 7) uniform samplerBuffer maps1;
+TEXELS(4, float, fine0)  // level 0
+TEXELS(5, float, fine1)
+TEXELS(6, float, maps0)  // the others
+TEXELS(7, float, maps1)
 layout(push_constant) uniform Push { FeatureAlignmentPush push; };
 
 const uint ALIGNED = 0, DIVERGED = 1, OUT_OF_IMAGE = 2, LOW_TEXTURE = 3, BAD_MATCH = 4, REJECTED = 5,
@@ -51,13 +52,13 @@ MapView map_view(uint image, uint level) {
 }
 
 float fetch0(MapView m, int at) {
-  if (m.fine) return texelFetch(fine0, at).x;
-  return texelFetch(maps0, at).x;
+  if (m.fine) return TEXEL(fine0, at).x;
+  return TEXEL(maps0, at).x;
 }
 
 float fetch1(MapView m, int at) {
-  if (m.fine) return texelFetch(fine1, at).x;
-  return texelFetch(maps1, at).x;
+  if (m.fine) return TEXEL(fine1, at).x;
+  return TEXEL(maps1, at).x;
 }
 
 float bilinear0(MapView m, vec2 p) {

@@ -5,10 +5,11 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
-layout(set = 0, binding = 2) uniform samplerBuffer correspondences;
+TEXELS(2, vec4, correspondences)
 layout(set = 0, binding = 3, std430) writeonly buffer Hypotheses { vec4 hypotheses[]; };  // rows of (R, t); (cost, -, -, -)
 layout(push_constant) uniform Push { MatchPush push; };
 #include "se3.glsl"

@@ -6,18 +6,19 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const bool DENSE = false;
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer FeatureList { vec4 features[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Mask { float mask[]; };    // dense mode: inverse depth of an element
 layout(set = 0, binding = 2, std430) readonly buffer MaskRows { uvec2 rows[]; };  // sparse mode: mask.comp
-layout(set = 0, binding = 3) uniform samplerBuffer maps0;
+TEXELS(3, float, maps0)
 layout(set = 0, binding = 4, std430) writeonly buffer TemplateA { vec4 template_a[]; };  // u, v, inverse depth, f0
 layout(set = 0, binding = 5, std430) writeonly buffer TemplateB { vec4 template_b[]; };  // gu, gv
 layout(push_constant) uniform Push { JacobianPush push; };
 
-float f0(int at) { return texelFetch(maps0, at).x; }
+float f0(int at) { return TEXEL(maps0, at).x; }
 
 void dense_pixel(LevelInfo info, int base, uint at, uint k) {
   vec4 a = vec4(0.0), b = vec4(0.0);

@@ -5,13 +5,14 @@
 // Groups: (ceil(element_count / local size), pairs of the pass, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 #include "network.h"
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; };
-layout(set = 0, binding = 3) uniform samplerBuffer template_a;
-layout(set = 0, binding = 4) uniform samplerBuffer maps1;
+TEXELS(3, vec4, template_a)
+TEXELS(4, float, maps1)
 layout(set = 0, binding = 5, std430) readonly buffer States { PairState states[]; };
 layout(set = 0, binding = 6, std430) readonly buffer Prior { float prior[]; };
 layout(set = 0, binding = 7, std430) writeonly buffer Residuals { float residuals[]; };
@@ -43,7 +44,7 @@ void main() {
   if (pairs[pair].enabled == 0u || k >= info.element_count) return;
   View view = view_of(pair);
   set_point(view, pair);
-  vec4 a = texelFetch(template_a, view.template_base + int(k));
+  vec4 a = TEXEL(template_a, view.template_base + int(k));
   vec2 top, bottom, f;
   vec3 p;
   bool visible;

@@ -4,13 +4,14 @@
 // Groups: (ceil(pixels of a piece / local size), n, m), n m >= patches.
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 #include "network.h"
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
 layout(set = 0, binding = 2, std430) readonly buffer FeatureList { vec4 features[]; };
-layout(set = 0, binding = 3) uniform samplerBuffer residual_f0;
-layout(set = 0, binding = 4) uniform samplerBuffer f1_prior;
+TEXELS(3, vec2, residual_f0)
+TEXELS(4, vec2, f1_prior)
 layout(set = 0, binding = 5, std430) writeonly buffer Corners { ivec2 corners[]; };
 layout(set = 0, binding = 6, std430) writeonly buffer Out { vec4 texels[]; };
 layout(push_constant) uniform Push { MEstimatorPush push; };
@@ -31,6 +32,6 @@ void main() {
   bool inside = pixel.x >= 0 && pixel.y >= 0 && pixel.x < int(info.width) && pixel.y < int(info.height);
   int at = int(pass_pair * push.inputs_stride) + pixel.y * int(info.width) + pixel.x;
   at = inside ? at : 0;
-  vec4 value = vec4(texelFetch(residual_f0, at).xy, texelFetch(f1_prior, at).xy);
+  vec4 value = vec4(TEXEL(residual_f0, at).xy, TEXEL(f1_prior, at).xy);
   texels[patch_index * width * height + id] = inside ? value : vec4(0.0);
 }

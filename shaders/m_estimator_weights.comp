@@ -3,13 +3,14 @@
 // the map that the next finer level takes as its prior. Groups: (ceil(64 patches / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 #include "network.h"
 layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const uint LANES = 8;  // of a workgroup of the sums
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
 layout(set = 0, binding = 2, std430) readonly buffer FeatureList { vec4 features[]; };
-layout(set = 0, binding = 3) uniform samplerBuffer activations;
+TEXELS(3, vec4, activations)
 layout(set = 0, binding = 4, std430) readonly buffer Residuals { float residuals[]; };
 layout(set = 0, binding = 5, std430) writeonly buffer Weights { float weights[]; };
 layout(set = 0, binding = 6, std430) writeonly buffer Prior { float prior[]; };
@@ -37,7 +38,7 @@ void main() {
     uint piece = pass_pair - push.first_patch / push.patches_per_pair;
     at = inside ? (piece * info.height + uint(place.y)) * info.width + uint(place.x) : 0u;
   }
-  float x = texelFetch(activations, int(at)).x;
+  float x = TEXEL(activations, int(at)).x;
   float weight = visible ? 1.0 / (1.0 + exp(-x)) : 0.0;
   // Four elements of a lane are neighbours there: weights.glsl.
   uint block = k / (4u * LANES) * (4u * LANES), in_block = k - block;

@@ -4,12 +4,13 @@
 // Groups: (ceil(invocations / local size), tiles, pairs).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const bool upright = false;
 layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
-layout(set = 0, binding = 2) uniform samplerBuffer descriptors0;
-layout(set = 0, binding = 3) uniform samplerBuffer descriptors1;
+TEXELS(2, vec4, descriptors0)
+TEXELS(3, vec4, descriptors1)
 layout(set = 0, binding = 4, std430) writeonly buffer Matches { MatchInfo matches[]; };
 layout(push_constant) uniform Push { MatchPush push; };
 #include "match_features.glsl"
@@ -34,16 +35,16 @@ void main() {
       ICLK_MATCH_TEXELS
 #define LOAD(k)                                                                                                       \
   int from##k = FROM(k);                                                                                              \
-  vec4 a##k = texelFetch(descriptors0, from##k), b##k = texelFetch(descriptors0, from##k + 1),                        \
-       c##k = texelFetch(descriptors0, from##k + 2), d##k = texelFetch(descriptors0, from##k + 3);
+  vec4 a##k = TEXEL(descriptors0, from##k), b##k = TEXEL(descriptors0, from##k + 1),                        \
+       c##k = TEXEL(descriptors0, from##k + 2), d##k = TEXEL(descriptors0, from##k + 3);
   LOAD(0) LOAD(1) LOAD(2) LOAD(3) LOAD(4)
   float best0 = 0.0, best1 = 0.0, best2 = 0.0, best3 = 0.0, best4 = 0.0;
   int place0 = -1, place1 = -1, place2 = -1, place3 = -1, place4 = -1;
   for (int v = top; v < bottom; ++v)
     for (int u = left; u < right; ++u) {
       int at = v * places_x + u, texel = (base + at) * ICLK_MATCH_TEXELS;
-      vec4 a = texelFetch(descriptors1, texel), b = texelFetch(descriptors1, texel + 1),
-           c = texelFetch(descriptors1, texel + 2), d = texelFetch(descriptors1, texel + 3);
+      vec4 a = TEXEL(descriptors1, texel), b = TEXEL(descriptors1, texel + 1),
+           c = TEXEL(descriptors1, texel + 2), d = TEXEL(descriptors1, texel + 3);
 #define SCORE(k) float score##k = dot(a, a##k) + dot(b, b##k) + dot(c, c##k) + dot(d, d##k);
 #define KEEP(k)                                   \
   place##k = score##k > best##k ? at : place##k; \

@@ -8,13 +8,13 @@ struct MatchView {
 
 MatchView match_view(uint pair, ReferenceInfo r) {
   int header = int(2u * pair * (push.features + 1u));
-  vec4 of_pair = texelFetch(correspondences, header);
+  vec4 of_pair = TEXEL(correspondences, header);
   return MatchView(header, int(of_pair.x), of_pair.y, vec4(r.fx, r.fy, r.cx, r.cy),
                    ICLK_MATCH_TOLERANCE * float(push.scale));
 }
 
-vec4 point_of(MatchView view, int k) { return texelFetch(correspondences, view.header + 2 * (k + 1)); }
-vec2 pixel_of(MatchView view, int k) { return texelFetch(correspondences, view.header + 2 * (k + 1) + 1).xy; }
+vec4 point_of(MatchView view, int k) { return TEXEL(correspondences, view.header + 2 * (k + 1)); }
+vec2 pixel_of(MatchView view, int k) { return TEXEL(correspondences, view.header + 2 * (k + 1) + 1).xy; }
 
 // Pixel minus projection; a point behind the camera is far off.
 vec2 match_residual(MatchView view, Pose T, int k, out vec3 seen) {

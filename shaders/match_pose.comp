@@ -7,10 +7,11 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x = ICLK_MATCH_GROUP) in;
 layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 1, std430) buffer Pairs { PairInfo pairs[]; };
-layout(set = 0, binding = 2) uniform samplerBuffer correspondences;
+TEXELS(2, vec4, correspondences)
 layout(set = 0, binding = 3, std430) readonly buffer Hypotheses { vec4 hypotheses[]; };
 layout(set = 0, binding = 4, std430) buffer Starts { PairInfo starts[]; };  // of a pair: its own guess first
 layout(push_constant) uniform Push { MatchPush push; };

@@ -4,13 +4,14 @@
 // Groups: (groups, pairs, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "texels.glsl"
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 2, std430) readonly buffer Pairs { PairInfo pairs[]; };
-layout(set = 0, binding = 3) uniform samplerBuffer template_a;
-layout(set = 0, binding = 4) uniform samplerBuffer template_b;
-layout(set = 0, binding = 5) uniform samplerBuffer maps1;
+TEXELS(3, vec4, template_a)
+TEXELS(4, vec4, template_b)
+TEXELS(5, float, maps1)
 layout(set = 0, binding = 6, std430) readonly buffer Weights { vec4 weights[]; };
 layout(set = 0, binding = 7, std430) readonly buffer States { PairState states[]; };
 layout(set = 0, binding = 8, std430) writeonly buffer Parts { vec4 parts[]; };

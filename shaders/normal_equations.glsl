@@ -24,8 +24,8 @@ void jacobian(View view, vec4 a, vec2 gradient, out vec4 lo, out vec2 hi) {
 }
 
 void add_element(View view, int k, float weight) {
-  vec4 a = texelFetch(template_a, view.template_base + k);
-  vec2 gradient = texelFetch(template_b, view.template_base + k).xy;
+  vec4 a = TEXEL(template_a, view.template_base + k);
+  vec2 gradient = TEXEL(template_b, view.template_base + k).xy;
   bool visible;
   float r = residual_at(view, a, visible);
   float w = visible ? weight : 0.0;

@@ -16,8 +16,7 @@ layout(set = 0, binding = 1, std430) writeonly buffer Maps2 { vec2 maps2[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Maps1 { float maps1[]; };
 layout(push_constant) uniform Push { PyramidPush push; };
 
-// Single-channel pixels are level 0 themselves.
-const bool STORE_LEVEL_0 = FORMAT != ICLK_FORMAT_R8 && FORMAT != ICLK_FORMAT_R32F;
+layout(constant_id = 3) const bool STORE_LEVEL_0 = true;  // false: the pixels, of one channel, are level 0 themselves
 
 float grey(vec3 colour) { return dot(colour, vec3(push.red, push.green, push.blue)); }
 

@@ -12,8 +12,14 @@ layout(local_size_x = 8, local_size_y = 8) in;
 layout(constant_id = 0) const uint SAMPLES = 2;
 layout(constant_id = 1) const uint MAX_ANISOTROPY = 16;
 
-layout(set = 0, binding = 0) uniform textureBuffer relief;
-layout(set = 0, binding = 1) uniform textureBuffer mosaic;
+#include "texels.glsl"
+TEXELS(0, float, relief)
+#ifdef ICLK_STORAGE_READS
+layout(set = 0, binding = 1, std430) readonly buffer Mosaic { uint mosaic_words[]; };
+vec4 mosaic_at(int i) { return unpackUnorm4x8(mosaic_words[i]); }
+#else
+TEXELS(1, vec4, mosaic)
+#endif
 layout(set = 0, binding = 2, std140) uniform Levels { RenderLevels levels; };
 layout(set = 0, binding = 3, std430) writeonly buffer Colours { uint colours[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Depths { float depths[]; };
@@ -27,7 +33,7 @@ vec2 slope;  // of the ground where the last ray met it: dh/dx, dh/dy
 
 float height(ivec2 point) {
   RenderWindow w = levels.relief[0];
-  float h = texelFetch(relief, w.offset + (point.y - w.y) * w.width + point.x - w.x).x;
+  float h = TEXEL(relief, w.offset + (point.y - w.y) * w.width + point.x - w.x).x;
   return (h - push.height_high) - push.height_low;
 }
 
@@ -58,7 +64,7 @@ float meet(vec3 d) {
     RenderWindow w = levels.relief[level + 1];
     ivec2 at = cell - ivec2(w.x, w.y);
     if (any(lessThan(at, ivec2(0))) || at.x >= w.width || at.y >= w.height) return 0.0;
-    float greatest = texelFetch(relief, w.offset + at.y * w.width + at.x).x;
+    float greatest = TEXEL(relief, w.offset + at.y * w.width + at.x).x;
     greatest = (greatest - push.height_high) - push.height_low;
 
     vec2 border = (vec2(((cell + ahead) << level) - camera) - fraction) * inverse;
@@ -112,8 +118,8 @@ vec4 look(vec2 x, int level) {
   vec2 p = (x + 0.5) / size - 0.5, whole = floor(p), f = p - whole;
   ivec2 first = ivec2(whole) + (ivec2(push.texel_x, push.texel_y) >> level) - ivec2(w.x, w.y);
   ivec2 last = ivec2(w.width, w.height) - 1, a = clamp(first, ivec2(0), last), b = clamp(first + 1, ivec2(0), last);
-  vec4 c00 = texelFetch(mosaic, w.offset + a.y * w.width + a.x), c10 = texelFetch(mosaic, w.offset + a.y * w.width + b.x);
-  vec4 c01 = texelFetch(mosaic, w.offset + b.y * w.width + a.x), c11 = texelFetch(mosaic, w.offset + b.y * w.width + b.x);
+  vec4 c00 = TEXEL(mosaic, w.offset + a.y * w.width + a.x), c10 = TEXEL(mosaic, w.offset + a.y * w.width + b.x);
+  vec4 c01 = TEXEL(mosaic, w.offset + b.y * w.width + a.x), c11 = TEXEL(mosaic, w.offset + b.y * w.width + b.x);
   vec2 r = 1.0 - f;
   vec4 weight = vec4(c00.a, c10.a, c01.a, c11.a) * vec4(r.x * r.y, f.x * r.y, r.x * f.y, f.x * f.y);
   return vec4(weight.x * c00.rgb + weight.y * c10.rgb + weight.z * c01.rgb + weight.w * c11.rgb,

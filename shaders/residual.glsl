@@ -1,5 +1,5 @@
 // Residual of one element (align/internal/normal_equations.h: residuals). Needs level.glsl, se3.glsl and the bindings
-//   template_a, template_b, maps1 (samplerBuffer) of the including shader.
+//   template_a, template_b, maps1 (texels.glsl) of the including shader.
 
 // False: no evaluation of this aligner has weights. A flag is not enough: lavapipe runs both sides of a branch.
 layout(constant_id = 3) const bool WEIGHTED = true;
@@ -32,8 +32,8 @@ void target_at(View view, vec4 a, out vec2 top, out vec2 bottom, out vec2 f, out
   vec2 corner = min(floor(w), last - 1.0);
   f = w - corner;
   int at = view.map_base + int(corner.y) * view.pitch + int(corner.x);
-  top = vec2(texelFetch(maps1, at).x, texelFetch(maps1, at + 1).x);
-  bottom = vec2(texelFetch(maps1, at + view.pitch).x, texelFetch(maps1, at + view.pitch + 1).x);
+  top = vec2(TEXEL(maps1, at).x, TEXEL(maps1, at + 1).x);
+  bottom = vec2(TEXEL(maps1, at + view.pitch).x, TEXEL(maps1, at + view.pitch + 1).x);
   if (MASKED) {
     visible = visible && max(max(top.x, top.y), max(bottom.x, bottom.y)) <= ICLK_HIDDEN_FROM;
     top = visible ? top : vec2(0.0);  // what was hidden overflows in sums
@@ -55,7 +55,7 @@ vec4 magnitudes_at(View view, uint k, uint end) {
   vec4 m = vec4(0.0);
   for (uint j = 0u; j < 4u; ++j, k += gl_WorkGroupSize.x) {
     bool visible;
-    float r = residual_at(view, texelFetch(template_a, view.template_base + int(min(k, end - 1u))), visible);
+    float r = residual_at(view, TEXEL(template_a, view.template_base + int(min(k, end - 1u))), visible);
     m = vec4(m.yzw, visible && k < end ? abs(r) : 3e38);
   }
   return m;

@@ -32,7 +32,7 @@ void write_means(uint block, vec4 acc[T][6][2], int image, int x, int y, inout v
   uint neighbour = gl_SubgroupInvocationID ^ 1u, out_planes = push.out_planes;
   vec4 means[4][2];
   [[unroll]] for (int h = 0; h < 2; ++h) {
-    vec4 bias = texelFetch(weights, int(push.bias + min(2u * block + uint(h), out_planes - 1u)));
+    vec4 bias = TEXEL(weights, int(push.bias + min(2u * block + uint(h), out_planes - 1u)));
     vec4 first[4] = pixels_of(acc[0], h), second[4] = pixels_of(acc[1], h);
     bool exists = 2u * block + uint(h) < out_planes;
     [[unroll]] for (int j = 0; j < 4; ++j) {

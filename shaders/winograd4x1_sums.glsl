@@ -27,7 +27,7 @@ void sums_of(uint block, int at, int rows[6 * T], out vec4 acc[T][6][2]) {
     int kx = 0;
     do {
       vec4 v[6 * T], d[T][6];
-      [[unroll]] for (int r = 0; r < R; ++r) v[r] = texelFetch(activations, at + kx * dilation + rows[r]);
+      [[unroll]] for (int r = 0; r < R; ++r) v[r] = TEXEL(activations, at + kx * dilation + rows[r]);
       [[unroll]] for (int t = 0; t < T; ++t) {
         [[unroll]] for (int p = 0; p < 6; ++p) d[t][p] = v[(PAIRED ? 6 : 4) * t + p];
         transform(d[t][0], d[t][1], d[t][2], d[t][3], d[t][4], d[t][5]);
@@ -63,7 +63,7 @@ void write_whole(uint block, vec4 acc[T][6][2], int image, int x, int y) {
   [[unroll]] for (int h = 0; h < 2; ++h) {
     uint plane = 2u * block + uint(h);
     if (plane >= push.out_planes) return;
-    vec4 bias = texelFetch(weights, int(push.bias + plane));
+    vec4 bias = TEXEL(weights, int(push.bias + plane));
     [[unroll]] for (int t = 0; t < T; ++t) {
       vec4 value[4] = pixels_of(acc[t], h);
       [[unroll]] for (int r = 0; r < 4; ++r) {

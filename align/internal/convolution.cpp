@@ -108,7 +108,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
       direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
       product_lanes_(product_lanes(context->info().type)) {
   using enum engine::BindingKind;
-  using Spirv = std::span<const uint32_t>;
+  using Spirv = engine::ShaderCode;
   const uint32_t half = precision == Precision::fp16;
   engine::KernelBatch wanted(context);
   wanted.add(
@@ -254,13 +254,13 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
 
 uint64_t conv_shader_hash() {
   uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
-  const std::span<const uint32_t> all[] = {
+  const engine::ShaderCode all[] = {
       conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd2_fused_comp_spv, winograd2_input_comp_spv,
       winograd2_product_comp_spv, winograd2_product_plain_comp_spv, winograd4_fused_comp_spv, winograd4_input_comp_spv,
       winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,
       winograd4x1_plain_comp_spv};
-  for (const auto& words : all)
-    for (uint32_t word : words) hash = (hash ^ word) * 0x100000001b3u;
+  for (const engine::ShaderCode& code : all)
+    for (uint32_t word : code.texels) hash = (hash ^ word) * 0x100000001b3u;
   return hash;
 }
 

@@ -148,8 +148,7 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
              {storage_read, storage_read, storage_read, texel_read, texel_read, storage_write, storage_write},
              bytes,
              {kLanes}}};
-  const std::span<const uint32_t> convolution =
-      shuffle ? std::span<const uint32_t>(conv_patch_comp_spv) : std::span<const uint32_t>(conv_patch_plain_comp_spv);
+  const engine::ShaderCode convolution = shuffle ? conv_patch_comp_spv : conv_patch_plain_comp_spv;
   std::vector<Size> pieces{kPatch};
   for (const shaders::LevelInfo& level : levels_) pieces.push_back({level.width, level.height});
   for (const Layer& layer : layers_)

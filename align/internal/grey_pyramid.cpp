@@ -28,7 +28,7 @@ GreyPyramid::GreyPyramid(std::shared_ptr<const engine::Context> context, PixelFo
                pyramid_comp_spv,
                {storage_read, storage_write},
                sizeof(shaders::PyramidPush),
-               {group_, shader_format(format), static_cast<uint32_t>(levels_.size())}}};
+               {group_, shader_format(format), static_cast<uint32_t>(levels_.size()), !layout.level0_in_pixels}}};
   if (levels_.size() > ICLK_FUSED_LEVELS)
     halve_ = {context, {"pyramid", halve_comp_spv, {storage_read, storage_read_write}, sizeof(shaders::HalvePush), {group_}}};
 }

@@ -13,7 +13,7 @@ uint32_t round_up(uint32_t value, uint32_t step) { return (value + step - 1) / s
 
 }  // namespace
 
-Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* model) {
+Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* model, bool storage_reads) {
   const auto width = static_cast<uint32_t>(plan.width), height = static_cast<uint32_t>(plan.height);
   blocks_x = (width + ICLK_BLOCK - 1) / ICLK_BLOCK;
   blocks_y = (height + ICLK_BLOCK - 1) / ICLK_BLOCK;
@@ -21,7 +21,7 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
   learned = model;
   weighted = options.robust != Robust::unit || (model && !model->m_estimator.empty());
   // A copy of level 0 as floats would be most of what the pyramid writes, and would say nothing new.
-  level0_in_pixels = !learned && channels(plan.format) == 1;
+  level0_in_pixels = !learned && channels(plan.format) == 1 && !storage_reads;
   for (int l = 0; l < options.levels; ++l) {
     shaders::LevelInfo info{};
     info.width = width >> l;

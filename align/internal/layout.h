@@ -10,8 +10,8 @@ namespace iclk::internal {
 
 /// Where everything of a plan lies in the device's buffers. Pure arithmetic, no device.
 struct Layout {
-  /// With a model the maps come from its encoder, and level 0 is one of them.
-  Layout(const Plan& plan, const AlignerOptions& options, const Model* model = nullptr);
+  /// With a model the maps come from its encoder, and level 0 is one of them. `storage_reads`: Context::storage_reads().
+  Layout(const Plan& plan, const AlignerOptions& options, const Model* model = nullptr, bool storage_reads = false);
 
   std::vector<shaders::LevelInfo> levels;  // finest first
   uint32_t blocks_x = 0, blocks_y = 0;     // 8x8 blocks that cover an image

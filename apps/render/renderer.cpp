@@ -130,6 +130,7 @@ struct TerrainRenderer::Impl {
       if (heaps.memoryHeaps[i].flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT)
         device_memory = std::max(device_memory, heaps.memoryHeaps[i].size);
     uint64_t limit = std::min<uint64_t>({context->limits().maxTexelBufferElements, device_memory / 16, uint64_t{1} << 30});
+    if (context->storage_reads()) limit = std::min<uint64_t>(limit, context->limits().maxStorageBufferRange / 4);
     if (options.max_texels > 0) limit = std::min(limit, options.max_texels);
     resident = r.elements <= limit && m.elements <= limit;
     if (resident) {

@@ -135,5 +135,48 @@ TEST(Kernel, OutlivesTheHandleToItsContext) {
   EXPECT_TRUE(moved);
 }
 
+TEST(StorageReads, TakeTheOtherBuildOfAShader) {
+  ICLK_NEED_DEVICE();
+  ContextOptions options = watched_options();
+  options.storage_reads = true;
+  const auto context = create_context(options);
+  EXPECT_TRUE(context->storage_reads());
+  MemoryPlan plan;
+  const BufferId source = plan.add("source", count * 4, MemoryKind::upload, BufferUse::storage),
+                 texels = plan.add("texels", count * 4, MemoryKind::upload, BufferUse::texel, VK_FORMAT_R32_SFLOAT),
+                 result = plan.add("result", count * 4, MemoryKind::readback, BufferUse::storage);
+  const Workspace memory(context, plan);
+  EXPECT_EQ(memory[texels].view, VK_NULL_HANDLE);
+  for (uint32_t i = 0; i < count; ++i) {
+    memory[source].as<int>()[i] = static_cast<int>(i);
+    memory[texels].as<float>()[i] = static_cast<float>(2 * i);
+  }
+  const Kernel kernel = sum_kernel(context, 64, 3);
+  run(context, [&](Recorder& recorder) {
+    recorder.dispatch(kernel, {&memory[source], &memory[texels], &memory[result]}, SumPush{5, count}, {groups_for(count, 64)});
+    recorder.host_read({&memory[result]});
+  });
+  for (int i = 0; i < static_cast<int>(count); ++i) ASSERT_EQ(memory[result].as<int>()[i], 9 * i + 5);
+}
+
+TEST(StorageReads, RefuseWhatHasNoSuchBuild) {
+  ICLK_NEED_DEVICE();
+  ContextOptions options = watched_options();
+  options.storage_reads = true;
+  const auto context = create_context(options);
+  const auto message = [&](ShaderCode code, BindingKind kind) -> std::string {
+    try {
+      Kernel(context, {.name = "sum", .spirv = code, .bindings = {BindingKind::storage_read, kind, BindingKind::storage_write},
+                       .push_constant_bytes = sizeof(SumPush), .specialization = {64, 3}});
+    } catch (const Error& e) {
+      EXPECT_EQ(e.code(), ErrorCode::unsupported);
+      return e.what();
+    }
+    return "no error";
+  };
+  EXPECT_NE(message(sum_comp_spv.texels, BindingKind::texel_read).find("texel buffers are too small"), std::string::npos);
+  EXPECT_NE(message(sum_comp_spv, BindingKind::image_read).find("storage texel buffers"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace iclk::test

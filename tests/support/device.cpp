@@ -40,7 +40,8 @@ void report_validation(engine::MessageSeverity, const std::string& message) {
 
 engine::ContextOptions watched_options() {
   const char* request = std::getenv("ICLK_DEVICE");
-  return {request ? request : "", true, report_validation};
+  const char* storage = std::getenv("ICLK_TEST_STORAGE_READS");
+  return {request ? request : "", true, report_validation, storage && std::string(storage) == "1"};
 }
 
 std::shared_ptr<engine::Context> device() {
