@@ -20,7 +20,7 @@ struct ContextOptions {
   /// Receives what validation has to say. May be called from any thread that uses the context, one call at a time.
   std::function<void(MessageSeverity, const std::string&)> on_message;
   bool storage_reads = false;  ///< read storage buffers in place of texel buffers, though these are large enough
-  bool subgroups = true;  ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
+  bool subgroups = true;       ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
 };
 
 /// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is
@@ -95,8 +95,7 @@ class Context {
   VkQueue queue_ = VK_NULL_HANDLE;
   uint32_t queue_family_ = 0, timestamp_valid_bits_ = 0;
   VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
-  bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false,
-       storage_reads_ = false;
+  bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false, storage_reads_ = false;
   DeviceInfo info_;
   VkPhysicalDeviceLimits limits_{};
   VkPhysicalDeviceMemoryProperties memory_{};

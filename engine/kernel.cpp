@@ -15,8 +15,8 @@ std::string who_of(const KernelDescription& d) { return std::string("kernel '") 
 KernelDescription suited(const Context& context, KernelDescription d) {
   if (!context.storage_reads()) return d;
   if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::image_read) > 0)
-    throw Error(ErrorCode::unsupported, who_of(d) + "reads storage texel buffers, for which those of " + context.info().name +
-                                            " are too small");
+    throw Error(ErrorCode::unsupported,
+                who_of(d) + "reads storage texel buffers, for which those of " + context.info().name + " are too small");
   if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read) == 0) return d;
   if (d.spirv.storage.empty())
     throw Error(ErrorCode::unsupported,

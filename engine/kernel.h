@@ -25,14 +25,15 @@ struct ShaderCode {
   constexpr ShaderCode() = default;
   /// A shader without texel_read bindings needs no second build.
   template <class Words>
-  constexpr ShaderCode(const Words& words, std::span<const uint32_t> storage_build = {}) : texels(words), storage(storage_build) {}
+  constexpr ShaderCode(const Words& words, std::span<const uint32_t> storage_build = {})
+      : texels(words), storage(storage_build) {}
   std::span<const uint32_t> texels, storage;
 };
 
 /// A compute shader with entry point main() and its bindings: set 0, binding i = bindings[i].
 struct KernelDescription {
-  const char* name = "";            ///< of the stage, for messages and profiles
-  ShaderCode spirv;                 ///< read during construction only
+  const char* name = "";  ///< of the stage, for messages and profiles
+  ShaderCode spirv;       ///< read during construction only
   std::vector<BindingKind> bindings;
   uint32_t push_constant_bytes = 0;  ///< a multiple of 4
   /// Element i is constant_id i, bit pattern of a 32-bit type (bool: 0 or 1). By convention id 0 is local_size_x_id where a

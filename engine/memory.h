@@ -25,8 +25,9 @@ struct BufferDescription {
   VkDeviceSize bytes = 0;  ///< > 0; rounded up to a multiple of 16
   MemoryKind kind = MemoryKind::device;
   BufferUse use = BufferUse::storage;
-  /// Where Context::storage_reads(), texel and image are storage. With BufferUse::texel or image: the format in which texel_read and image_read bindings see the whole buffer. R32_SFLOAT,
-  /// R32G32B32A32_SFLOAT, R8G8B8A8_UNORM and R32_UINT exist on every device; R8_UNORM and B8G8R8A8_UNORM do as texel.
+  /// Where Context::storage_reads(), texel and image are storage. With BufferUse::texel or image: the format in which
+  /// texel_read and image_read bindings see the whole buffer. R32_SFLOAT, R32G32B32A32_SFLOAT, R8G8B8A8_UNORM and R32_UINT
+  /// exist on every device; R8_UNORM and B8G8R8A8_UNORM do as texel.
   VkFormat texel_format = VK_FORMAT_UNDEFINED;
 };
 

@@ -43,8 +43,10 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       step.dilation = static_cast<uint32_t>(layer.dilation);
       const bool last = i + 1 == model_->encoder[l].size();
       // The others read storage texel buffers.
-      step.variant = context.storage_reads() ? ConvVariant::direct : tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
-                                    static_cast<int>(step.in.height), precision_, last});
+      step.variant = context.storage_reads()
+                         ? ConvVariant::direct
+                         : tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
+                                          static_cast<int>(step.in.height), precision_, last});
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.fused = shuffle_ && can_fuse(step, context);
       step.reduced = last && can_reduce(step);

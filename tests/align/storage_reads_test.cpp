@@ -76,8 +76,8 @@ INSTANTIATE_TEST_SUITE_P(
     All, StorageReads,
     testing::Values(Setting{"r8", PixelFormat::r8}, Setting{"bgra8", PixelFormat::bgra8, false, true},
                     Setting{"r32f", PixelFormat::r32f, false, true}, Setting{"masked", PixelFormat::rgba32f, false, true, true},
-                    Setting{"dense", PixelFormat::r8, false, false, false, true},
-                    Setting{"learned_r8", PixelFormat::r8, true}, Setting{"learned_rgba32f", PixelFormat::rgba32f, true, true},
+                    Setting{"dense", PixelFormat::r8, false, false, false, true}, Setting{"learned_r8", PixelFormat::r8, true},
+                    Setting{"learned_rgba32f", PixelFormat::rgba32f, true, true},
                     Setting{"learned_half", PixelFormat::rgba8, true, false, false, false, Precision::fp16}),
     [](const auto& info) { return info.param.name; });
 

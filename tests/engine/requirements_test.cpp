@@ -27,8 +27,7 @@ TEST(Requirements, EachShortcomingIsNamedWithItsNumbers) {
   EXPECT_EQ(unmet(requirements(), device), "no queue family with compute");
   device = good();
   device.limits.maxPerStageDescriptorStorageBuffers = 4;
-  EXPECT_EQ(unmet(requirements(), device),
-            "maxPerStageDescriptorStorageBuffers 4, needs 8");
+  EXPECT_EQ(unmet(requirements(), device), "maxPerStageDescriptorStorageBuffers 4, needs 8");
 }
 
 TEST(Requirements, ExtensionsAndFeaturesOfADeviceAreCompared) {
