@@ -35,7 +35,8 @@ constexpr iclk::engine::ShaderCode @symbol@_spv(@symbol@_texels, @symbol@_storag
         COMMAND ${compile} -DICLK_STORAGE_READS --vn ${symbol}_storage -o ${output}.storage.h ${arg_SOURCE_DIR}/${shader})
       set(made ${output}.texels.h ${output}.storage.h)
     endif()
-    add_custom_command(OUTPUT ${made} ${commands} DEPENDS ${arg_SOURCE_DIR}/${shader} ${headers} COMMENT "SPIR-V ${shader}" VERBATIM)
+    add_custom_command(OUTPUT ${made} ${commands}
+      DEPENDS ${arg_SOURCE_DIR}/${shader} ${headers} COMMENT "SPIR-V ${shader}" VERBATIM)
     list(APPEND outputs ${made})
   endforeach()
   target_sources(${target} PRIVATE ${outputs})

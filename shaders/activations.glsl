@@ -1,6 +1,6 @@
 // Where a layer's output goes: texels of four channels, in single or half precision. Halves are packed into words here, and the
-// reader's texel view unpacks them, or the reader itself, so that no device feature is needed. Needs OUT_BINDING, and IN_BINDING
-// where the shader reads another layer's output: TEXEL(activations, i).
+// reader's texel view unpacks them, or the reader itself, so that no device feature is needed. Needs OUT_BINDING; with
+// IN_BINDING the shader reads another layer's output, as TEXEL(activations, i).
 layout(constant_id = 1) const bool HALF = false;
 layout(set = 0, binding = OUT_BINDING, std430) writeonly buffer Out { vec4 texels[]; };
 layout(set = 0, binding = OUT_BINDING, std430) writeonly buffer HalfOut { uvec2 half_texels[]; };

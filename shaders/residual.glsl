@@ -18,7 +18,8 @@ struct View {
 };
 
 // The four texels of f1 around warp(u), as (left, right) of the rows above and below, and the place between them.
-// visible = in front of camera 1, inside the image and not hidden; p = the point in camera 1, times its inverse depth in camera 0.
+// visible = in front of camera 1, inside the image and not hidden; p = the point in camera 1, times its inverse depth in
+// camera 0.
 void target_at(View view, vec4 a, out vec2 top, out vec2 bottom, out vec2 f, out vec3 p, out bool visible) {
   vec2 focal = vec2(view.camera.fx, view.camera.fy), principal = vec2(view.camera.cx, view.camera.cy);
   vec2 ray = (a.xy - principal) / focal;
