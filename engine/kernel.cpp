@@ -88,7 +88,8 @@ void Kernel::create(const KernelDescription& description) {
         {static_cast<uint32_t>(bindings.size()), descriptor_type(kind), 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
   const VkDescriptorSetLayoutCreateInfo set{VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO, nullptr, 0,
                                             static_cast<uint32_t>(bindings.size()), bindings.data()};
-  check(vk.CreateDescriptorSetLayout(device, &set, nullptr, &set_layout_), "vkCreateDescriptorSetLayout", name_);
+  check_made(vk.CreateDescriptorSetLayout(device, &set, nullptr, &set_layout_), set_layout_, "vkCreateDescriptorSetLayout",
+             name_);
 
   const VkPushConstantRange range{VK_SHADER_STAGE_COMPUTE_BIT, 0, push_constant_bytes_};
   VkPipelineLayoutCreateInfo layout{VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO};
@@ -96,7 +97,7 @@ void Kernel::create(const KernelDescription& description) {
   layout.pSetLayouts = &set_layout_;
   layout.pushConstantRangeCount = push_constant_bytes_ ? 1 : 0;
   layout.pPushConstantRanges = &range;
-  check(vk.CreatePipelineLayout(device, &layout, nullptr, &layout_), "vkCreatePipelineLayout", name_);
+  check_made(vk.CreatePipelineLayout(device, &layout, nullptr, &layout_), layout_, "vkCreatePipelineLayout", name_);
 
   std::vector<VkSpecializationMapEntry> entries;
   for (uint32_t i = 0; i < description.specialization.size(); ++i) entries.push_back({i, i * 4, 4});

@@ -148,7 +148,8 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
       if (!has_view(use_on(*context_, description.use))) continue;
       const VkBufferViewCreateInfo view{
           VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle, description.texel_format, 0, VK_WHOLE_SIZE};
-      check(vk.CreateBufferView(device, &view, nullptr, &buffer.view), "vkCreateBufferView", description.name);
+      check_made(vk.CreateBufferView(device, &view, nullptr, &buffer.view), buffer.view, "vkCreateBufferView",
+                 description.name);
     }
   } catch (...) {
     destroy();

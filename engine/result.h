@@ -14,6 +14,13 @@ const char* name(VkResult result);
 /// Details say what was asked for (the number of bytes, the kernel's name).
 void check(VkResult result, const char* call, const std::string& details = {});
 
+/// check() for a call that makes `handle`: what a failed one leaves there is undefined, and becomes null before the throw.
+template <class Handle>
+void check_made(VkResult result, Handle& handle, const char* call, const std::string& details = {}) {
+  if (result < 0) handle = VK_NULL_HANDLE;
+  check(result, call, details);
+}
+
 /// "1.50 GiB (1610612736 bytes)".
 std::string bytes_in_words(VkDeviceSize bytes);
 

@@ -11,12 +11,12 @@ Submission::Submission(std::shared_ptr<const Context> context) : context_(std::m
   const VkDevice device = context_->device();
   try {
     const VkCommandPoolCreateInfo pool{VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO, nullptr, 0, context_->queue_family()};
-    check(vk.CreateCommandPool(device, &pool, nullptr, &pool_), "vkCreateCommandPool");
+    check_made(vk.CreateCommandPool(device, &pool, nullptr, &pool_), pool_, "vkCreateCommandPool");
     const VkCommandBufferAllocateInfo buffer{VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO, nullptr, pool_,
                                              VK_COMMAND_BUFFER_LEVEL_PRIMARY, 1};
     check(vk.AllocateCommandBuffers(device, &buffer, &commands_), "vkAllocateCommandBuffers");
     const VkFenceCreateInfo fence{VK_STRUCTURE_TYPE_FENCE_CREATE_INFO, nullptr, 0};
-    check(vk.CreateFence(device, &fence, nullptr, &fence_), "vkCreateFence");
+    check_made(vk.CreateFence(device, &fence, nullptr, &fence_), fence_, "vkCreateFence");
   } catch (...) {
     destroy();
     throw;
