@@ -131,6 +131,7 @@ std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference
   internal::check_reference(reference, m.plan);
   auto checks = check_features(reference.features, reference.camera);
   const double mean_q = internal::mean_inverse_depth(reference, checks, m.plan.dense);
+  m.submission.wait();  // pending only where an align() could not wait for it
   const auto s = static_cast<size_t>(slot);
   auto* pixels = static_cast<uint8_t*>(m.memory[m.ids.staging0.value_or(m.ids.pixels0)].mapped);
   internal::convert_pixels(reference.image, m.plan.format, m.layout.row_pixels(), pixels + 4ull * m.layout.pixel_words * s);
@@ -214,6 +215,7 @@ void DeviceAligner::Impl::submit() {
 std::vector<Alignment> DeviceAligner::align(std::span<const Pair> pairs) {
   Impl& m = *impl_;
   m.check_pairs(pairs);
+  m.submission.wait();  // as in set_reference()
   std::vector<Alignment> out;
   out.reserve(pairs.size());
   for (size_t first = 0; first < pairs.size(); first += static_cast<size_t>(m.batch)) {

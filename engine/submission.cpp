@@ -5,6 +5,11 @@
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {
+namespace {
+
+constexpr int kWaitAttempts = 10;
+
+}  // namespace
 
 Submission::Submission(std::shared_ptr<const Context> context) : context_(std::move(context)) {
   const DeviceFunctions& vk = context_->vk();
@@ -28,8 +33,7 @@ Submission::~Submission() { destroy(); }
 void Submission::destroy() noexcept {
   const DeviceFunctions& vk = context_->vk();
   const VkDevice device = context_->device();
-  if (pending_)
-    vk.WaitForFences(device, 1, &fence_, VK_TRUE, UINT64_MAX);  // a lost device returns at once and may be destroyed
+  if (pending_) wait_for_fence();  // a lost device returns at once and may be destroyed
   if (fence_) vk.DestroyFence(device, fence_, nullptr);
   if (pool_) vk.DestroyCommandPool(device, pool_, nullptr);
 }
@@ -53,9 +57,19 @@ void Submission::submit() {
 
 void Submission::wait() {
   if (!pending_) return;
-  const VkResult result = context_->vk().WaitForFences(context_->device(), 1, &fence_, VK_TRUE, UINT64_MAX);
-  pending_ = false;
+  const VkResult result = wait_for_fence();
+  pending_ = result < 0 && result != VK_ERROR_DEVICE_LOST;
   check(result, "vkWaitForFences", context_->info().name);
+}
+
+VkResult Submission::wait_for_fence() noexcept {
+  // Where memory for waiting runs out the device works on, and what it works on must stay.
+  VkResult result = VK_SUCCESS;
+  for (int attempt = 0; attempt < kWaitAttempts; ++attempt) {
+    result = context_->vk().WaitForFences(context_->device(), 1, &fence_, VK_TRUE, UINT64_MAX);
+    if (result >= 0 || result == VK_ERROR_DEVICE_LOST) break;
+  }
+  return result;
 }
 
 }  // namespace iclk::engine

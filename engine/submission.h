@@ -21,7 +21,8 @@ class Submission {
 
   /// Precondition: end() was called. Waits for the submission before this one. Throws Error(device_lost), Error(out_of_memory).
   void submit();
-  /// Returns at once when nothing is pending. No timeout: kernels may be slow on a CPU. Throws Error(device_lost).
+  /// Returns at once when nothing is pending. No timeout: kernels may be slow on a CPU. Throws Error(device_lost);
+  /// Error(out_of_memory), which several attempts did not get over: then the submission is still pending.
   void wait();
   void submit_and_wait() {
     submit();
@@ -30,6 +31,7 @@ class Submission {
 
  private:
   void destroy() noexcept;
+  VkResult wait_for_fence() noexcept;
 
   std::shared_ptr<const Context> context_;
   VkCommandPool pool_ = VK_NULL_HANDLE;

@@ -114,7 +114,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
   std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) override {
     std::vector<std::vector<AlignedFeature>> results;
     results.reserve(tasks.size());
-    clear();  // a lost device may have left some
+    clear();             // a lost device may have left some
+    submission_.wait();  // pending only where the last call could not wait for it
     for (const FeatureAlignmentTask& task : tasks) {
       check(task);
       results.emplace_back(aligner_.features(task.reference).uv.size());
