@@ -147,6 +147,7 @@ std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference
 }
 
 std::vector<internal::Stages::Run> DeviceAligner::Impl::upload_dirty(Recorder& recorder) {
+  for (Slot& slot : slots) slot.recorded = false;  // of a recording that was never submitted
   std::vector<internal::Stages::Run> runs;
   for (size_t first = 0; first < slots.size();) {
     if (!slots[first].dirty) {
@@ -154,10 +155,7 @@ std::vector<internal::Stages::Run> DeviceAligner::Impl::upload_dirty(Recorder& r
       continue;
     }
     size_t last = first;
-    for (; last < slots.size() && slots[last].dirty; ++last) {
-      slots[last].dirty = false;
-      ++slots[last].version;
-    }
+    for (; last < slots.size() && slots[last].dirty; ++last) slots[last].recorded = true;
     const uint64_t count = last - first, image = 4ull * layout.pixel_words;
     recorder.stage("upload");
     if (ids.staging0) {
@@ -175,6 +173,14 @@ std::vector<internal::Stages::Run> DeviceAligner::Impl::upload_dirty(Recorder& r
     first = last;
   }
   return runs;
+}
+
+void DeviceAligner::Impl::recorded_will_execute() {
+  for (Slot& slot : slots) {
+    if (!slot.recorded) continue;
+    slot.recorded = slot.dirty = false;
+    ++slot.version;
+  }
 }
 
 void DeviceAligner::Impl::upload_targets(Recorder& recorder, std::span<const Pair> pairs) {
@@ -208,7 +214,9 @@ void DeviceAligner::Impl::check_pairs(std::span<const Pair> pairs) const {
 }
 
 void DeviceAligner::Impl::submit() {
-  submission.submit_and_wait();
+  submission.submit();
+  recorded_will_execute();
+  submission.wait();
   if (timer) timer->collect();
 }
 

@@ -12,6 +12,7 @@ namespace iclk {
 struct DeviceAligner::Impl {
   struct Slot {
     bool set = false, dirty = false;  // dirty: pixels and features are there, pyramid and template are not
+    bool recorded = false;            // dirty, and what ends it is recorded but not submitted
     Camera camera;
     Features features;
     std::vector<FeatureCheck> checks;
@@ -59,6 +60,9 @@ struct DeviceAligner::Impl {
                 std::vector<FeatureCheck> checks);
   /// Copies staged pixels of the references that set_reference() left for this recording, and returns which they are.
   std::vector<internal::Stages::Run> upload_dirty(engine::Recorder& recorder);
+  /// What upload_dirty() returned is prepared, now that the commands are submitted or the application's. Where recording or
+  /// submitting fails, the slots stay dirty for the next attempt.
+  void recorded_will_execute();
   void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
   /// Both images of every pair, ready to be aligned.
   void prepare(engine::Recorder& recorder, std::span<const Pair> pairs);
