@@ -303,6 +303,7 @@ const engine::Buffer& DeviceAligner::template_pixels() const { return impl_->mem
 const engine::Buffer& DeviceAligner::template_gradients() const { return impl_->memory[impl_->ids.template_b]; }
 
 void DeviceAligner::enable_timing(bool on) {
+  impl_->submission.wait();  // as in set_reference()
   impl_->timer = on ? std::make_unique<engine::StageTimer>(impl_->context) : nullptr;
 }
 

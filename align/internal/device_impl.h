@@ -39,8 +39,8 @@ struct DeviceAligner::Impl {
   internal::RunBuffers run_ids;
   engine::Workspace run;
   engine::DescriptorArena arena;
-  engine::Submission submission;
   std::unique_ptr<engine::StageTimer> timer;
+  engine::Submission submission;  // after all that it uses: its destructor may have to wait
   std::vector<Slot> slots;
   uint64_t targets_version = 0;  // counts the batches
   bool recorded = false;         // record() was called: images change whenever the application executes, and nothing is counted
