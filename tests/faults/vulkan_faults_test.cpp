@@ -212,6 +212,15 @@ class VulkanFaults : public ::testing::TestWithParam<Settings> {
   }
 };
 
+class VulkanFaultsElsewhere : public ::testing::Test {
+ protected:
+  void SetUp() override {
+    layer();
+    ICLK_NEED_DEVICE();
+    layer().take_misuse();
+  }
+};
+
 /// Everything is made anew for each fault and gone after it.
 TEST_P(VulkanFaults, WhileThingsAreMade) {
   if (GetParam().solver == Solver::host && !want_all()) return;  // as with the device solver
@@ -263,6 +272,50 @@ TEST_P(VulkanFaults, WhileItAligns) {
     expect_unchanged(both, fault);
     EXPECT_EQ(neighbour.align(), expected) << fault << ": another context noticed";
   }
+}
+
+/// Validation, which sees what gets through, has nothing to say on the way out either: one fault for each way.
+TEST_F(VulkanFaultsElsewhere, UnderValidation) {
+  const Work work({"device", Solver::device});
+  const Prepared keep(work, plain_options());
+  const LiveObjects before = layer().live();
+  constexpr VkResult host = VK_ERROR_OUT_OF_HOST_MEMORY, lost = VK_ERROR_DEVICE_LOST;
+  for (const Fault& fault : {Fault{"vkCreateDebugUtilsMessengerEXT", 0, host},
+                             {"vkCreateDevice", 0, lost},
+                             {"vkCreateComputePipelines", 1, host},
+                             {"vkAllocateMemory", 2, host},
+                             {"vkCreateBufferView", 1, host},
+                             {"vkCreateFence", 0, host},
+                             {"vkAllocateDescriptorSets", 2, host},
+                             {"vkEndCommandBuffer", 0, host},
+                             {"vkQueueSubmit", 1, host},
+                             {"vkQueueSubmit", 0, lost},
+                             {"vkWaitForFences", 0, host, 10},
+                             {"vkWaitForFences", 1, lost},
+                             {"vkGetQueryPoolResults", 0, lost}}) {
+    inject(fault, {}, [&] { return Prepared(work, watched_options()).align(); });
+    expect_unchanged(before, fault);
+  }
+}
+
+TEST_F(VulkanFaultsElsewhere, ListOfDevices) {
+  const auto list = [] {
+    Bits bits;
+    for (const engine::DeviceInfo& device : engine::list_devices())
+      bits.insert(bits.end(), device.uuid.begin(), device.uuid.end());
+    return bits;
+  };
+  const auto keep = engine::create_context(plain_options());
+  const LiveObjects before = layer().live();
+  layer().disarm();
+  const Bits expected = list();
+  for (const Fault& fault : faults_counted(1)) {
+    // Drivers without hardware answer in this way, and the list is empty.
+    const bool empty = fault.result == VK_ERROR_INITIALIZATION_FAILED && fault.call == "vkEnumeratePhysicalDevices";
+    if (!empty) inject(fault, expected, list);
+    expect_unchanged(before, fault);
+  }
+  EXPECT_EQ(list(), expected);
 }
 
 INSTANTIATE_TEST_SUITE_P(, VulkanFaults,

@@ -40,8 +40,8 @@ class LayerControl {
   virtual uint32_t count(const std::string& call) const = 0;
 
   virtual LiveObjects live() const = 0;
-  /// Wrong use since the last call of this function, a sentence each: handles destroyed that are none, or while a submission
-  /// may still use them, or not before their device.
+  /// Wrong use since the last call of this function, a sentence each: handles destroyed that are none, a fence or a device
+  /// destroyed while a submission is pending.
   virtual std::vector<std::string> take_misuse() = 0;
 };
 

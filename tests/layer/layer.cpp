@@ -143,8 +143,6 @@ struct Ending<Below, Member, void(VKAPI_PTR*)(Owner, Handle, const VkAllocationC
       const std::lock_guard lock(below->mutex);
       bool in_use = false;
       if constexpr (std::is_same_v<Handle, VkFence>) in_use = below->pending.contains(handle);
-      // Tests have one submission at a time, and it uses all memory there is.
-      if constexpr (std::is_same_v<Handle, VkDeviceMemory>) in_use = !below->pending.empty();
       if (in_use) layer().objects.misuse(std::string(type_name<Handle>) + " destroyed while a submission is pending");
     }
     if (!handle || layer().objects.destroyed(type_name<Handle>, id(handle))) ((*below).*Member)(owner, handle, allocator);
