@@ -169,7 +169,9 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     auto checks = check_features(reference.features, reference.camera);
     const double mean_q = internal::mean_inverse_depth({{}, reference.camera, reference.features, {}}, checks, false);
     m.set_slot(reference.slot, reference.camera, reference.features, mean_q, std::move(checks));
-    m.slots[static_cast<size_t>(reference.slot)].dirty = false;  // nothing was staged
+    Impl::Slot& slot = m.slots[static_cast<size_t>(reference.slot)];
+    slot.dirty = false;  // nothing was staged
+    slot.set = false;    // until all is recorded: what is thrown on the way leaves a slot without maps
     copy_pixels(recorder, reference.image, m.plan, m.layout, m.memory[m.ids.pixels0],
                 image_bytes * static_cast<uint64_t>(reference.slot));
     prepared.push_back({static_cast<uint32_t>(reference.slot), 1});
@@ -188,6 +190,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   recorder.publish({&recording->run[recording->run_ids.results]});
   recorder.finish();
   m.recorded_will_execute();
+  for (const DeviceReference& reference : references) m.slots[static_cast<size_t>(reference.slot)].set = true;
 }
 
 }  // namespace iclk
