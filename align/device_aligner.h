@@ -46,7 +46,7 @@ class DeviceAligner : public Aligner {
   /// Allocates everything. Throws Error(unsupported) if the plan does not fit the device, with the numbers.
   /// With a model its encoder makes the maps, options.levels of its finest levels, and its M-estimator the weights; without,
   /// they are the grey pyramid's and AlignerOptions::robust's. Throws Error(invalid_argument) for a model that does not fit
-  /// itself or the options. `tuning`: which variant computes which layer (tune()).
+  /// itself or the options. `tuning`: which variant computes which layer (tune()); where it does not say, usual_variant().
   DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
                 std::shared_ptr<const Model> model = nullptr, const Tuning& tuning = {});
   ~DeviceAligner() override;

@@ -20,6 +20,8 @@ enum class ConvVariant {
   winograd4,    ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
   winograd4x1,  ///< F(4x1, 3x3): 18 products for 4 pixels instead of 36, in a register tile as `direct` has
 };
+constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
+                                         ConvVariant::winograd4x1};
 const char* name(ConvVariant variant);
 
 /// A layer of an encoder at the size at which it is computed, pixels, and the precision of what goes in and out. The last layer
@@ -31,12 +33,16 @@ struct ConvShape {
   auto operator<=>(const ConvShape&) const = default;
 };
 
+/// What is taken where nothing was measured. On a CPU a rule that was found by measuring lavapipe, which is within a few
+/// percent of the fastest there; on any other device `direct`, which needs the fewest registers and no scratch memory.
+ConvVariant usual_variant(const ConvShape& shape, engine::DeviceType type);
+
 /// Which variant is the fastest for which layer on one device. Any choice is right to rounding; they differ in time and memory.
 struct Tuning {
   std::map<ConvShape, ConvVariant> variants;
 
-  /// What was measured, else the usual choice: Winograd F(4x4) where a layer has channels enough.
-  ConvVariant choose(const ConvShape& shape) const;
+  /// What was measured, else usual_variant() of the device.
+  ConvVariant choose(const ConvShape& shape, engine::DeviceType type) const;
 
   /// For a cache file: `key`, one line a layer, a checksum.
   std::string text(std::string_view key) const;
@@ -58,18 +64,28 @@ struct LayerTimes {
     ConvVariant variant;
     double median, least;
   };
+  struct Dropped {
+    ConvVariant variant;
+    std::string why;
+  };
   ConvShape shape;
-  std::vector<Way> ways;  ///< every variant
+  std::vector<Way> ways;         ///< every variant that the device can run; one at least
+  std::vector<Dropped> dropped;  ///< the others
 
-  const Way& fastest() const;  ///< by its least time
+  const Way& fastest() const;                 ///< by its least time
+  const Way* way(ConvVariant variant) const;  ///< null where it was dropped
 };
-/// Measures layers on the device, every variant `repetitions` times in turns. Memory, `progress` and errors: see tune().
+/// Measures layers on the device, every variant `repetitions` times in turns. One whose kernels cannot be built or run
+/// (Error(unsupported), Error(vulkan), Error(out_of_memory)) is dropped. Memory: input and output of one layer, transformed
+/// tiles of every variant. `progress`, if given, is called before each layer with its number and how many there are. Throws
+/// Error(device_lost), and the first error where no variant is left. Precondition: repetitions > 0.
 std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes,
                                     int repetitions, const std::function<void(int layer, int layers)>& progress = {});
 
-/// Adds the layers that `known` lacks, by measuring every variant on the device: seconds on a CPU, and the memory of one layer.
-/// `progress`, if given, is called before each layer with its number and how many there are. Throws Error(unsupported),
-/// Error(out_of_memory), Error(device_lost).
+/// Repetitions that a choice needs, of which the least counts.
+constexpr int kTuningRuns = 5;
+
+/// Adds the layers that `known` lacks, as time_layers() measures them: seconds on a CPU. Nothing else in the library measures.
 Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes, Tuning known = {},
             const std::function<void(int layer, int layers)>& progress = {});
 

@@ -1,6 +1,7 @@
 #include "apps/bench_layers.h"
 
 #include <algorithm>
+#include <map>
 
 namespace iclk {
 namespace {
@@ -60,7 +61,7 @@ std::string to_table(const LayerReport& report) {
                    report.repetitions);
   if (report.layers.empty()) return out;
   out += "layer                              ";
-  for (const LayerTimes::Way& way : report.layers.front().ways) out += formatted(" %11s", name(way.variant));
+  for (ConvVariant variant : kConvVariants) out += formatted(" %11s", name(variant));
   out += "  GFLOP/s  fastest\n";
   double sum = 0, work = 0;
   for (const LayerTimes& layer : report.layers) {
@@ -69,13 +70,20 @@ std::string to_table(const LayerReport& report) {
     out += formatted(
         "%-35s",
         formatted("%3d -> %3d, dilation %d, %dx%d%s", s.in, s.out, s.dilation, s.width, s.height, s.last ? " *" : "").c_str());
-    for (const LayerTimes::Way& way : layer.ways) out += formatted(" %11.2f", 1e3 * way.least);
+    for (ConvVariant variant : kConvVariants) {
+      const LayerTimes::Way* way = layer.way(variant);
+      out += way ? formatted(" %11.2f", 1e3 * way->least) : formatted(" %11s", "-");
+    }
     out += formatted("  %7.1f  %s\n", gflop(s) / best.least, name(best.variant));
     sum += best.least;
     work += gflop(s);
   }
   out += formatted("\nthe fastest of each: %.2f ms, %.1f GFLOP/s%s\n", 1e3 * sum, work / sum,
                    report.processor_time ? " a core" : "");
+  std::map<ConvVariant, std::string> dropped;
+  for (const LayerTimes& layer : report.layers)
+    for (const LayerTimes::Dropped& one : layer.dropped) dropped.try_emplace(one.variant, one.why);
+  for (const auto& [variant, why] : dropped) out += formatted("-: %s does not run here: %s\n", name(variant), why.c_str());
   out += "*: the last layer of a level, with its feature map and the means for the next level\n";
   return out;
 }

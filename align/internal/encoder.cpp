@@ -46,7 +46,8 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       step.variant = context.storage_reads()
                          ? ConvVariant::direct
                          : tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
-                                          static_cast<int>(step.in.height), precision_, last});
+                                          static_cast<int>(step.in.height), precision_, last},
+                                         context.info().type);
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.fused = shuffle_ && can_fuse(step, context);
       step.reduced = last && can_reduce(step);

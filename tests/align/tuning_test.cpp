@@ -47,12 +47,46 @@ TEST(Tuning, WhatIsDamagedOrForeignIsNothing) {
 
 TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
   const Tuning tuning = example();
-  EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}), ConvVariant::winograd2);
-  EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480}), ConvVariant::direct);
-  EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480, Precision::fp16}), ConvVariant::winograd2);
-  EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480, Precision::fp32, true}), ConvVariant::winograd4x1);
-  EXPECT_EQ(tuning.choose({16, 32, 2, 376, 240}), ConvVariant::winograd4);
-  EXPECT_EQ(tuning.choose({1, 32, 1, 376, 240}), ConvVariant::direct);
+  for (const auto type : {engine::DeviceType::cpu, engine::DeviceType::discrete}) {
+    EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}, type), ConvVariant::winograd2);
+    EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480}, type), ConvVariant::direct);
+    EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480, Precision::fp16}, type), ConvVariant::winograd2);
+    EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480, Precision::fp32, true}, type), ConvVariant::winograd4x1);
+    for (const ConvShape& other : {ConvShape{16, 32, 2, 376, 240}, ConvShape{1, 32, 1, 376, 240}})
+      EXPECT_EQ(tuning.choose(other, type), usual_variant(other, type));
+  }
+}
+
+TEST(Tuning, TheUsualChoiceOfACpuIsWhatLavapipeIsFastestWith) {
+  const auto usual = [](int in, int out, int dilation, int width, int height) {
+    const ConvShape shape{in, out, dilation, width, height};
+    auto last = shape, half = shape;
+    last.last = true;
+    half.precision = Precision::fp16;
+    const ConvVariant found = usual_variant(shape, engine::DeviceType::cpu);
+    EXPECT_EQ(usual_variant(last, engine::DeviceType::cpu), found);
+    EXPECT_EQ(usual_variant(half, engine::DeviceType::cpu), found);
+    return found;
+  };
+  // By 1.1 times and more where they were measured.
+  EXPECT_EQ(usual(3, 8, 1, 640, 480), ConvVariant::winograd4x1);
+  EXPECT_EQ(usual(8, 16, 2, 320, 240), ConvVariant::winograd4x1);
+  EXPECT_EQ(usual(16, 16, 1, 160, 120), ConvVariant::winograd4x1);
+  EXPECT_EQ(usual(64, 64, 2, 20, 15), ConvVariant::winograd4x1);
+  EXPECT_EQ(usual(32, 32, 1, 40, 30), ConvVariant::winograd4x1);
+  EXPECT_EQ(usual(16, 32, 2, 320, 240), ConvVariant::winograd4);
+  EXPECT_EQ(usual(32, 48, 2, 188, 120), ConvVariant::winograd4);
+  EXPECT_EQ(usual(64, 64, 1, 40, 30), ConvVariant::winograd4);
+  EXPECT_EQ(usual(96, 128, 1, 94, 60), ConvVariant::winograd4);
+  // What no 32 bits hold.
+  EXPECT_EQ(usual(1024, 1024, 1, 8192, 8192), ConvVariant::winograd4);
+}
+
+TEST(Tuning, TheUsualChoiceOfWhatIsNoCpuFitsEveryGpu) {
+  using enum engine::DeviceType;
+  for (const auto type : {discrete, integrated, virtual_gpu, other})
+    for (const ConvShape& shape : {ConvShape{3, 8, 1, 640, 480}, ConvShape{64, 64, 2, 80, 60}, ConvShape{128, 128, 1, 20, 15}})
+      EXPECT_EQ(Tuning().choose(shape, type), ConvVariant::direct);
 }
 
 TEST(Tuning, MeasuresWhatIsMissing) {
