@@ -8,22 +8,19 @@
 
 namespace iclk {
 
+std::shared_ptr<engine::Context> open_device(std::string wish) {
+  if (wish.empty())
+    if (const char* variable = std::getenv("ICLK_DEVICE")) wish = variable;
+  engine::ContextOptions options;
+  options.device = std::move(wish);
+  return engine::create_context(options);
+}
+
 std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<engine::Context>& context, const Plan& plan,
-                                          const AlignerOptions& options, const std::shared_ptr<const Model>& model,
-                                          const std::function<void(const std::string&)>& say) {
+                                          const AlignerOptions& options, const std::shared_ptr<const Model>& model) {
   if (solver == Solver::cpu) return make_cpu_aligner(plan, options, model);
   Tuning tuning;
-  if (model) {
-    const char* wish = std::getenv("ICLK_TUNING");
-    const TuningMode mode = tuning_mode(wish != nullptr ? wish : "");
-    // What cannot run is refused before anything is measured for it.
-    DeviceAligner::workspace_size(*context, plan, options, solver, model);
-    const auto tell = [&](const auto& line) {
-      if (say) say(line);
-    };
-    tuning =
-        cached_tuning(context, *model, plan.width, plan.height, options.levels, mode, cache_folder(), tell, options.precision);
-  }
+  if (model && tuning_mode() == TuningMode::cache) tuning = read_tuning(*context, cache_folder());
   return make_device_aligner(context, plan, options, solver, model, tuning);
 }
 

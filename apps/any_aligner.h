@@ -1,5 +1,4 @@
 #pragma once
-#include <functional>
 #include <memory>
 #include <string>
 
@@ -9,13 +8,16 @@
 
 namespace iclk {
 
+/// The device that `wish` names by index, part of the name or UUID; empty: ICLK_DEVICE, else the best. Throws what
+/// engine::create_context() throws.
+std::shared_ptr<engine::Context> open_device(std::string wish);
+
 /// An aligner of any solver. `context` may be null for Solver::cpu. `model`: null is the classical mode. With a model on a
-/// device the fastest kernels are those of the user's cache, measured now where it lacks them (ICLK_TUNING,
+/// device the kernels are those of the user's cache, where it lacks them usual_variant(): nothing is measured (ICLK_TUNING,
 /// apps/tuning_cache.h). Throws what the library's own makers throw, and Error(invalid_argument) for an ICLK_TUNING that is not
 /// known.
 std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<engine::Context>& context, const Plan& plan,
-                                          const AlignerOptions& options, const std::shared_ptr<const Model>& model = nullptr,
-                                          const std::function<void(const std::string&)>& say = {});
+                                          const AlignerOptions& options, const std::shared_ptr<const Model>& model = nullptr);
 
 /// As a report names it: the model's own name, or "classical".
 std::string model_name(const Model* model);

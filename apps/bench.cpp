@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cstdio>
-#include <cstdlib>
 #include <tuple>
 
+#include "apps/any_aligner.h"
 #include "apps/bench_layers.h"
 #include "apps/bench_runs.h"
 #include "apps/command.h"
@@ -44,14 +44,6 @@ const char* const kFooter =
     "  iclk bench --peers --data ../shared/data --json > peers.json\n"
     "  iclk bench --peers --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633\n";
 
-std::shared_ptr<engine::Context> open_device(std::string device) {
-  if (device.empty())
-    if (const char* wish = std::getenv("ICLK_DEVICE")) device = wish;
-  engine::ContextOptions options;
-  options.device = std::move(device);
-  return engine::create_context(options);
-}
-
 void need_one_model(const SessionOptions& session) {
   if (!session.then.empty())
     throw Error(ErrorCode::invalid_argument,
@@ -78,7 +70,6 @@ void run(BenchCommand& command, int& exit) {
     const SessionOptions session = command.run.session();
     need_one_model(session);
     command.bench.model = session.model;
-    command.bench.say = session.say;
     if (command.bench.pairs.empty()) command.bench.pairs = session.model ? std::vector{1, 4} : BenchOptions().pairs;
     command.bench.profile |= session.model != nullptr;
     command.bench.check();
@@ -120,8 +111,8 @@ void add_bench(CLI::App& app, int& exit) {
       ->check(not_empty)
       ->type_name("FILE");
   auto* layers = command->add_flag("--layers", options->layers,
-                                   "Every layer of --model's encoder in every variant of its convolution: what is measured "
-                                   "once and remembered");
+                                   "Every layer of --model's encoder in every variant of its convolution: what "
+                                   "`iclk devices --tune` chooses from");
   auto* peers = command->add_flag("--peers", options->with_peers,
                                   "Compare with RgbdOdometry, KLT and SIFT on tum_fr1_360_5 and hololens_80");
   layers->excludes(peers);

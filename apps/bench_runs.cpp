@@ -129,7 +129,7 @@ std::unique_ptr<Aligner> make_aligner(const BenchOptions& options, const std::sh
   if (c.unit_weights) settings.robust = Robust::unit;
   settings.search.enabled = c.search;
   return make_any_aligner(c.solver, context, plan_of(options, batch, in_colour(options, c)), settings,
-                          c.model ? options.model : nullptr, options.say);
+                          c.model ? options.model : nullptr);
 }
 
 BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,

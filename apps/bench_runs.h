@@ -20,9 +20,8 @@ struct BenchOptions {
   int width = 640, height = 480;
   /// Methods to measure, BenchRow::method; empty: with a model all of its own, without all that need none.
   std::vector<std::string> only;
-  std::shared_ptr<const Model> model;           ///< null: the classical mode
-  bool profile = false;                         ///< device time by stage
-  std::function<void(const std::string&)> say;  ///< lines for the user: kernels are measured
+  std::shared_ptr<const Model> model;  ///< null: the classical mode
+  bool profile = false;                ///< device time by stage
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;

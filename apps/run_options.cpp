@@ -111,7 +111,6 @@ SessionOptions RunOptions::session(bool guessed) const {
   options.refine = !no_refine;
   options.refiner = refiner;
   options.refiner.keep_unconfirmed = options.model != nullptr;
-  options.say = [](const std::string& line) { spdlog::info("{}", line); };
   return options;
 }
 

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
@@ -79,11 +78,7 @@ Session::Session(const SessionOptions& options) : options_(options) {
     device_name_ = "CPU reference (one thread, no Vulkan)";
     return;
   }
-  if (options_.device.empty())
-    if (const char* wish = std::getenv("ICLK_DEVICE")) options_.device = wish;
-  engine::ContextOptions context;
-  context.device = options_.device;
-  context_ = engine::create_context(context);
+  context_ = open_device(options_.device);
   device_name_ = context_->info().name;
 }
 
@@ -119,7 +114,7 @@ void Session::make_plan(const Plan& plan) {
   for (const ModelStage& stage : stages) {
     const std::string name = iclk::model_name(stage.model.get());
     const auto make = [this, plan, stage, name] {
-      auto aligner = make_any_aligner(options_.solver, context_, plan, stage.aligner, stage.model, options_.say);
+      auto aligner = make_any_aligner(options_.solver, context_, plan, stage.aligner, stage.model);
       if (auto* on_device = dynamic_cast<DeviceAligner*>(aligner.get())) {
         on_device->enable_timing(options_.profile);
         device_aligners_.emplace_back(name, on_device);

@@ -1,5 +1,4 @@
 #pragma once
-#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -32,10 +31,9 @@ struct SessionOptions {
   bool dense = false;                  ///< every pixel with depth instead of patches; needs a depth image
   bool search_guessed = false;         ///< search, where it is enabled, for pairs with a first guess too
   bool refine = true;
-  RefinerOptions refiner;                       ///< keep_unconfirmed is each model's own: with a learned one
-  int max_pairs = 1;                            ///< in one batch on the device
-  bool profile = false;                         ///< let the device keep the time of its stages
-  std::function<void(const std::string&)> say;  ///< lines for the user about work that takes seconds
+  RefinerOptions refiner;  ///< keep_unconfirmed is each model's own: with a learned one
+  int max_pairs = 1;       ///< in one batch on the device
+  bool profile = false;    ///< let the device keep the time of its stages
 
   /// As --model has it: "auto", "classical" or the model's own name.
   std::string model_name() const;

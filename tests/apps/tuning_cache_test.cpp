@@ -1,90 +1,124 @@
-// The file in which measured kernels are remembered: hit, miss, damage, another device's.
+// The file in which measured kernels are remembered: damage, another device's, and what writes it.
+#include <algorithm>
 #include <filesystem>
+#include <limits>
 
+#include "apps/device_tuning.h"
 #include "apps/tuning_cache.h"
 #include "device.h"
 #include "files.h"
+#include "random_model.h"
 
 namespace iclk::test {
 namespace {
 
 class TuningCache : public testing::Test {
  protected:
-  void SetUp() override {
-    ICLK_NEED_DEVICE();
-    model.input_channels = 1;
-    model.encoder = {{{1, 8, 1, std::vector<float>(72, 0.1f), std::vector<float>(8, 0.0f)}},
-                     {{8, 8, 2, std::vector<float>(576, 0.1f), std::vector<float>(8, 0.0f)}}};
-  }
-  Tuning tuning(TuningMode mode = TuningMode::cache, int width = 48) {
-    said.clear();
-    return cached_tuning(device(), model, width, 32, 2, mode, folder.path("cache"),
-                         [&](const std::string& line) { said.push_back(line); });
-  }
-  std::string file() const { return folder.path("cache/tuning-" + tuning_key(*device()) + ".txt"); }
+  void SetUp() override { ICLK_NEED_DEVICE(); }
 
-  Model model;
+  std::string file() const { return tuning_file(*device(), folder.path("cache")); }
+  Tuning read() const { return read_tuning(*device(), folder.path("cache")); }
+  TuningReport tune(const TuningWish& wish) {
+    steps.clear();
+    return tune_device(device(), wish, folder.path("cache"), [&](const std::string&, int done, int total) {
+      steps.push_back({done, total});
+    });
+  }
+  static Tuning example() {
+    Tuning tuning;
+    tuning.variants[{1, 8, 1, 48, 32, Precision::fp32, true}] = ConvVariant::winograd2;
+    tuning.variants[{8, 8, 2, 24, 16, Precision::fp32, true}] = ConvVariant::direct;
+    return tuning;
+  }
+
   Folder folder;
-  std::vector<std::string> said;
+  std::vector<std::pair<int, int>> steps;
+  const std::shared_ptr<const Model> model = std::make_shared<Model>(random_model({{4}, {8}}));
 };
 
-TEST_F(TuningCache, MeasuresOnceAndRemembers) {
-  const Tuning first = tuning();
-  EXPECT_EQ(first.variants.size(), 2u);
-  ASSERT_EQ(said.size(), 1u);
-  EXPECT_NE(said[0].find("2 layers at 48x32"), std::string::npos) << said[0];
-  EXPECT_EQ(bytes_of(file()), first.text(tuning_key(*device())));
-  EXPECT_EQ(tuning().variants, first.variants);
-  EXPECT_TRUE(said.empty());
-  // Another size is measured as well and joins what is there.
-  EXPECT_EQ(tuning(TuningMode::cache, 40).variants.size(), 4u);
-  EXPECT_EQ(said.size(), 1u);
-  tuning();
-  EXPECT_TRUE(said.empty());
+TEST_F(TuningCache, IsReadBack) {
+  EXPECT_TRUE(read().variants.empty());
+  EXPECT_TRUE(read_tuning(*device(), "").variants.empty());
+  EXPECT_FALSE(std::filesystem::exists(folder.path("cache"))) << "reading makes nothing";
+  write_tuning(*device(), folder.path("cache"), example());
+  EXPECT_EQ(bytes_of(file()), example().text(tuning_key(*device())));
+  EXPECT_EQ(read().variants, example().variants);
 }
 
-TEST_F(TuningCache, WhatTheFileSaysIsTaken) {
-  Tuning odd;
-  for (const ConvShape& shape : encoder_shapes(model, 48, 32, 2)) odd.variants[shape] = ConvVariant::winograd2;
-  folder.write("cache/" + std::filesystem::path(file()).filename().string(), odd.text(tuning_key(*device())));
-  EXPECT_EQ(tuning().variants, odd.variants);
-  EXPECT_TRUE(said.empty());
-  tuning(TuningMode::force);
-  EXPECT_EQ(said.size(), 1u);
-}
-
-TEST_F(TuningCache, DamagedAndForeignFilesAreMeasuredAnew) {
-  const std::string good = tuning().text(tuning_key(*device())),
+TEST_F(TuningCache, DamagedAndForeignFilesAreIgnored) {
+  const std::string good = example().text(tuning_key(*device())),
                     name = "cache/" + std::filesystem::path(file()).filename().string();
+  std::filesystem::create_directory(folder.path("cache"));
   for (const std::string& bad : {std::string(), good.substr(0, good.size() / 2), good + "x", std::string(3 << 20, 'a'),
-                                 tuning().text("another-device"), std::string("\0\xff\n", 3)}) {
+                                 example().text("another-device"), std::string("\0\xff\n", 3)}) {
     folder.write(name, bad);
-    EXPECT_EQ(tuning().variants.size(), 2u);
-    EXPECT_EQ(said.size(), 1u);
-    tuning();
-    EXPECT_TRUE(said.empty());
+    EXPECT_TRUE(read().variants.empty());
   }
+  folder.write(name, good);
+  EXPECT_EQ(read().variants, example().variants);
 }
 
-TEST_F(TuningCache, OffMeasuresAndWritesNothing) {
-  EXPECT_TRUE(tuning(TuningMode::off).variants.empty());
-  EXPECT_TRUE(said.empty());
-  EXPECT_FALSE(std::filesystem::exists(folder.path("cache")));
+TEST_F(TuningCache, TuningMeasuresWhatWasAskedForAndKeepsTheRest) {
+  write_tuning(*device(), folder.path("cache"), example());
+  const TuningReport report = tune({{model}, {{48, 32}, {40, 24}}, {Precision::fp32, Precision::fp16}});
+  EXPECT_EQ(report.file, file());
+  EXPECT_EQ(report.layers, 8);
+  ASSERT_EQ(steps.size(), 9u);
+  for (int i = 0; i < 9; ++i) EXPECT_EQ(steps[static_cast<size_t>(i)], std::pair(i, 8));
+  std::vector<ConvShape> wanted;
+  for (const auto& [width, height] : {std::pair{48, 32}, {40, 24}})
+    for (Precision precision : {Precision::fp32, Precision::fp16})
+      for (const ConvShape& shape : encoder_shapes(*model, width, height, 2, precision)) wanted.push_back(shape);
+  const Tuning known = read();
+  EXPECT_EQ(known.variants.size(), wanted.size() + 2);
+  for (const ConvShape& shape : wanted) EXPECT_TRUE(known.variants.contains(shape));
+  for (const auto& [shape, variant] : example().variants) EXPECT_EQ(known.variants.at(shape), variant);
+  ASSERT_EQ(report.encoders.size(), 4u);
+  for (const TuningReport::Encoder& encoder : report.encoders) {
+    EXPECT_GT(encoder.tuned, 0);
+    EXPECT_GE(encoder.usual, encoder.tuned);
+  }
+  EXPECT_NE(to_table(report).find(file()), std::string::npos);
 }
 
-TEST_F(TuningCache, AFolderThatCannotBeIsOnlySaid) {
+TEST_F(TuningCache, WhatWasMeasuredBeforeIsMeasuredAgain) {
+  TuningWish wish{{model}, {{48, 32}}};
+  tune(wish);
+  EXPECT_EQ(tune(wish).layers, 2);
+  EXPECT_EQ(read().variants.size(), 2u);
+}
+
+TEST_F(TuningCache, AFolderThatCannotBeWrittenIsRefusedBeforeMeasuring) {
   folder.write("cache", "a file");
-  EXPECT_EQ(tuning().variants.size(), 2u);
-  ASSERT_EQ(said.size(), 2u);
-  EXPECT_NE(said[1].find("not remembered"), std::string::npos);
+  EXPECT_THROW(tune({{model}, {{48, 32}}}), Error);
+  EXPECT_TRUE(steps.empty());
+  EXPECT_THROW(tune_device(device(), {{model}, {{48, 32}}}, "", {}), Error);
+}
+
+TEST(TuningReport, SaysWhatWasLeftOut) {
+  const TuningReport report{
+      "a device",
+      "/a/file",
+      1,
+      {{"m", 8, 6, Precision::fp32, 3e-3, 2e-3}, {"n", 8, 6, Precision::fp16, std::numeric_limits<double>::quiet_NaN(), 2e-3}},
+      {{ConvVariant::winograd4, "out of registers"}}};
+  const std::string table = to_table(report);
+  for (const char* piece : {"1.50 times", "does not run", "without winograd4: out of registers", "/a/file"})
+    EXPECT_NE(table.find(piece), std::string::npos) << piece << "\n" << table;
+  EXPECT_TRUE(to_json(report)["encoders"][1]["usual_ms"].is_null());
+  EXPECT_EQ(to_json(report)["dropped"][0]["variant"], "winograd4");
 }
 
 TEST(TuningMode, IsNamed) {
   EXPECT_EQ(tuning_mode(""), TuningMode::cache);
   EXPECT_EQ(tuning_mode("cache"), TuningMode::cache);
   EXPECT_EQ(tuning_mode("off"), TuningMode::off);
-  EXPECT_EQ(tuning_mode("force"), TuningMode::force);
-  EXPECT_THROW(tuning_mode("fast"), Error);
+  for (const char* unknown : {"force", "fast"}) try {
+      tuning_mode(unknown);
+      ADD_FAILURE() << unknown;
+    } catch (const Error& error) {
+      EXPECT_NE(std::string(error.what()).find("off or cache"), std::string::npos) << error.what();
+    }
 }
 
 }  // namespace
