@@ -9,6 +9,7 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <tuple>
 
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
@@ -149,8 +150,20 @@ void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera
   }
   const std::string text = line.dump() + "\n";
   // One write, so that a kill leaves a line or a piece of one at the end of the file.
-  if (::write(file_, text.data(), text.size()) != static_cast<ssize_t>(text.size()) || ::fdatasync(file_) != 0)
-    throw Error(ErrorCode::io, "cannot write " + manifest() + ": " + std::strerror(errno));
+  // A full disk may take a piece too; the next write() says why.
+  const off_t whole = ::lseek(file_, 0, SEEK_END);
+  int error = 0;
+  for (size_t done = 0; done < text.size() && error == 0;) {
+    const ssize_t n = ::write(file_, text.data() + done, text.size() - done);
+    if (n > 0)
+      done += static_cast<size_t>(n);
+    else if (n < 0 && errno != EINTR)
+      error = errno;
+  }
+  // Where even that fails, read_lines() cuts.
+  if (error != 0) std::ignore = ::ftruncate(file_, whole);
+  if (error == 0 && ::fdatasync(file_) != 0) error = errno;
+  if (error != 0) throw Error(ErrorCode::io, "cannot write " + manifest() + ": " + std::strerror(error));
   lines_.emplace(index, std::move(line));
 }
 
