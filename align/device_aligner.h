@@ -83,6 +83,7 @@ class DeviceAligner : public Aligner {
   /// nothing. Host data (features, first guesses) are taken now, pixels when the commands execute. Only COMPUTE, TRANSFER and
   /// HOST stages are used. The maps of this aligner are overwritten: what two recordings share is ordered by barriers on one
   /// queue. Precondition: nothing that uses `recording`, or a slot that `references` sets, is pending. Sparse mode only.
+  /// Where this throws after its checks, the slots of `references` are not set.
   void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
               std::span<const DevicePair> pairs);
 
