@@ -1,6 +1,5 @@
 #pragma once
 #include <fcntl.h>
-#include <sys/resource.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -45,11 +44,6 @@ class Process {
   }
 
   void signal(int number) const { kill(pid_, number); }
-  /// From now on it can write no file beyond so many bytes.
-  void limit_files(rlim_t bytes) const {
-    const rlimit limit = {bytes, bytes};
-    EXPECT_EQ(prlimit(pid_, RLIMIT_FSIZE, &limit, nullptr), 0);
-  }
   bool ended() {
     if (!ended_ && waitpid(pid_, &status_, WNOHANG) == pid_) ended_ = true;
     return ended_;
