@@ -154,6 +154,7 @@ TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
            {"a.png", "a.png"}, {"b.png", "b.png"}, {"d.png", "a_depth.png"}, {"d.exr", "a_depth.exr"}})
     std::filesystem::copy_file(file(from), folder.path(to));
   cv::imwrite(folder.path("a_depth.tiff"), cv::imread(file("d.exr"), cv::IMREAD_UNCHANGED));
+  cv::imwrite(folder.path("hood.png"), cv::Mat(240, 320, CV_8U, cv::Scalar(255)));
   folder.write("camera.txt", "262.4 262.4 159.5 119.5 320 240 5000\n");
   folder.write("camchain.yaml", "cam0:\n  intrinsics: [262.4, 262.4, 159.5, 119.5]\n  resolution: [320, 240]\n");
   folder.write("calibration.yaml", "image_width: 320\nimage_height: 240\nK: [262.4, 0, 159.5, 0, 262.4, 119.5, 0, 0, 1]\n");
