@@ -85,7 +85,8 @@ std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>
 /// Repetitions that a choice needs, of which the least counts.
 constexpr int kTuningRuns = 5;
 
-/// Adds the layers that `known` lacks, as time_layers() measures them: seconds on a CPU. Nothing else in the library measures.
+/// Adds the layers that `known` lacks, as time_layers() measures them: seconds on a CPU. No aligner does so by itself, as
+/// variants round differently and two runs must give the same bits.
 Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes, Tuning known = {},
             const std::function<void(int layer, int layers)>& progress = {});
 
