@@ -111,7 +111,7 @@ TEST_F(BatchChanges, AMask) {
   const Results masked = run(manifest_, results_);
   EXPECT_EQ(masked.at("a")["T_10"], open.at("a")["T_10"]) << "a pair without a mask beside one that has one";
   EXPECT_NE(masked.at("b")["T_10"], open.at("b")["T_10"]);
-  EXPECT_LT(masked.at("b")["visible"], open.at("b")["visible"]);
+  EXPECT_LT(masked.at("b").at("visible_fraction"), open.at("b").at("visible_fraction"));
   mask(cv::Rect(0, 0, 80, 120)) = 0;
   cv::imwrite(home_.path("images/mask.png"), mask);
   expect_refused(batch(manifest_, results_), 3, {"'b'", "its target_mask", "images/mask.png was "});
