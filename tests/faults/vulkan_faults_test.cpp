@@ -2,6 +2,11 @@
 #include <cstdlib>
 #include <cstring>
 #include <iostream>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <gtest/gtest.h>
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
