@@ -97,6 +97,9 @@ void note_success(Below&, Function, const Arguments& arguments) {
 /// Handles that a failed call should have written are undefined; only pipelines are VK_NULL_HANDLE then.
 template <class Arguments>
 void spoil(const Arguments& arguments) {
+  // Mesa's layer for the choice of a device believes the count whatever the result is.
+  if constexpr (std::is_same_v<Arguments, std::tuple<const char*, uint32_t*, VkExtensionProperties*>>)
+    *std::get<uint32_t*>(arguments) = 0;
   if constexpr (std::tuple_size_v < Arguments >> 0) {
     const auto last = std::get<std::tuple_size_v<Arguments> - 1>(arguments);
     if constexpr (std::is_pointer_v<decltype(last)>) {
