@@ -2,17 +2,17 @@
 
 #include <algorithm>
 
-#include <iclk/align/internal/agreement.h>
-#include <iclk/align/internal/input.h>
-#include <iclk/align/internal/jacobian.h>
-#include <iclk/align/internal/lm.h>
-#include <iclk/align/internal/m_estimator.h>
-#include <iclk/align/internal/mask.h>
-#include <iclk/align/internal/matching.h>
-#include <iclk/align/internal/model_check.h>
-#include <iclk/align/internal/search.h>
-#include <iclk/align/internal/verdict.h>
-#include <iclk/align/internal/weights.h>
+#include <iclk/align/common/input.h>
+#include <iclk/align/model/model_check.h>
+#include <iclk/align/network/m_estimator.h>
+#include <iclk/align/search/matching.h>
+#include <iclk/align/search/search.h>
+#include <iclk/align/solver/agreement.h>
+#include <iclk/align/solver/jacobian.h>
+#include <iclk/align/solver/lm.h>
+#include <iclk/align/solver/mask.h>
+#include <iclk/align/solver/verdict.h>
+#include <iclk/align/solver/weights.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <cstring>
 
-#include <iclk/align/internal/device_impl.h>
-#include <iclk/align/internal/mask.h>
-#include <iclk/align/internal/model_check.h>
-#include <iclk/align/internal/target_masks.h>
-#include <iclk/align/internal/upload.h>
+#include <iclk/align/device/device_impl.h>
+#include <iclk/align/device/target_masks.h>
+#include <iclk/align/device/upload.h>
+#include <iclk/align/model/model_check.h>
+#include <iclk/align/solver/mask.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {

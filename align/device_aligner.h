@@ -127,7 +127,7 @@ class DeviceAligner : public Aligner {
   /// `recolour`: weights other than luma's will come; without a model and without colours nothing is allocated either way.
   std::unique_ptr<GreyMaps> make_grey_maps(bool recolour = true) const;
 
-  /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/jacobian.comp.
+  /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/align/jacobian.comp.
   const engine::Buffer& template_pixels() const;
   const engine::Buffer& template_gradients() const;
   const std::shared_ptr<const engine::Context>& context() const;

@@ -5,7 +5,7 @@
 #include <optional>
 #include <span>
 
-#include <iclk/align/internal/feature_maps.h>
+#include <iclk/align/network/feature_maps.h>
 #include <iclk/align/tuning.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>

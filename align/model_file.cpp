@@ -11,10 +11,10 @@
 #include <fstream>
 #include <numeric>
 
-#include <iclk/align/internal/json.h>
-#include <iclk/align/internal/model_check.h>
-#include <iclk/align/internal/safetensors.h>
-#include <iclk/align/internal/text.h>
+#include <iclk/align/common/text.h>
+#include <iclk/align/model/json.h>
+#include <iclk/align/model/model_check.h>
+#include <iclk/align/model/safetensors.h>
 #include <iclk/engine/error.h>
 #include <iclk/shaders/shared.h>
 

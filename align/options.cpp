@@ -3,7 +3,7 @@
 #include <cmath>
 #include <string>
 
-#include <iclk/align/internal/text.h>
+#include <iclk/align/common/text.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {

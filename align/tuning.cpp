@@ -4,8 +4,8 @@
 #include <set>
 #include <sstream>
 
-#include <iclk/align/internal/convolution.h>
-#include <iclk/align/internal/tiling.h>
+#include <iclk/align/network/convolution.h>
+#include <iclk/align/network/tiling.h>
 
 namespace iclk {
 namespace {

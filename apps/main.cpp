@@ -8,7 +8,7 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
-#include "apps/command.h"
+#include "apps/commands/command.h"
 #include "apps/io/images.h"
 #include "apps/io/text.h"
 #include "apps/version.h"

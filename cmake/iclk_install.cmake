@@ -1,12 +1,14 @@
 # Install rules: the static libraries, their public headers under include/iclk/<room>, the CMake package. (The command
 # is installed by apps/.)
-# SPIR-V is embedded in the libraries; headers under <room>/internal stay here.
+# SPIR-V is embedded in the libraries; what lies in folders of a room stays here.
 include(CMakePackageConfigHelpers)
 set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
 
 install(TARGETS iclk_engine iclk_align iclk_refine EXPORT iclk ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-install(DIRECTORY engine align refine DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk
-  FILES_MATCHING PATTERN "*.h" PATTERN internal EXCLUDE)
+foreach(room engine align refine)
+  file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
+  install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/${room})
+endforeach()
 install(FILES shaders/shared.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders)
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 

@@ -60,7 +60,7 @@ using uint = uint32_t;
 #define ICLK_SEARCH_FEATURES 96  // of more, so many take part, evenly out of their list
 #define ICLK_SEARCH_WHOLE 24     // of more, every second row of a patch: at the coarsest level patches lie on one another
 
-// Starts by matching (align/internal/matching.h). Places are pixels of a grey map that is smaller than the image by a whole
+// Starts by matching (align/search/matching.h). Places are pixels of a grey map that is smaller than the image by a whole
 // number; a descriptor describes the 8x8 pixels to the right of a place and below.
 #define ICLK_MATCH_AREA 24000       // pixels of that map, at most
 #define ICLK_MATCH_TEXELS 4         // vec4 of a descriptor
@@ -183,7 +183,7 @@ struct TraceEntry {
   uint accepted;
 };
 
-// What a recording leaves for the application's own shaders: the verdict of align/internal/verdict.h.
+// What a recording leaves for the application's own shaders: the verdict of align/solver/verdict.h.
 struct ResultInfo {
   float pose[12];        // T_10, 3x4 row-major
   float covariance[36];  // of [rho, phi], row-major; zero unless the status is converged or max_iterations
@@ -204,7 +204,7 @@ struct ResultPush {
   uint groups;  // of agreement.comp, a pair
 };
 
-// The limits of the verdict, align/internal/verdict.cpp.
+// The limits of the verdict, align/solver/verdict.cpp.
 #define ICLK_LEAST_EIGENVALUE 1e-5  // of H scaled to a unit diagonal; sums in single precision are good to 1e-6 of it
 #define ICLK_LARGEST_SIGMA 2.0      // px at a focal length of 500: a pose more uncertain than this is not determined
 // Least variance of values over the sum of magnitudes that it is the difference of; what is less may be rounding of these sums.

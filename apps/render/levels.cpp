@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include <iclk/shaders/render.h>
+#include <iclk/shaders/render/render.h>
 
 namespace iclk {
 namespace {

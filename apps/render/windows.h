@@ -5,7 +5,7 @@
 
 #include <iclk/align/camera.h>
 #include <iclk/align/se3.h>
-#include <iclk/shaders/render.h>
+#include <iclk/shaders/render/render.h>
 
 #include "apps/render/levels.h"
 

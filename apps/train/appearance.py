@@ -1,4 +1,4 @@
-"""What light, lenses and sensors do to an image: apps/appearance.h and apps/appearance_draw.h in numpy, number by number.
+"""What light, lenses and sensors do to an image: apps/eval/appearance.h and appearance_draw.h in numpy, number by number.
 
 An image is a float32 array (h, w, 3), RGB in [0, 1]; so is the result. The same seed draws the same changes here and in
 `iclk eval`, which the tests hold together.

@@ -5,7 +5,7 @@
 
 #include <Eigen/Dense>
 
-#include <iclk/align/internal/lm.h>
+#include <iclk/align/solver/lm.h>
 
 #include "solvers.h"
 
@@ -72,8 +72,8 @@ TEST(Carry, EachLevelEndsAtTheMeanByInformation) {
           told += carry * seen;
         }
         const SE3 T = descend(options, {coarse, middle, fine}, has_prior ? &prior : nullptr);
-        EXPECT_LT((T.t - expected).norm(), 2e-4) << carry << (has_prior ? ", prior: " : ": ") << T.t.transpose() << " for "
-                                                 << expected.transpose();
+        EXPECT_LT((T.t - expected).norm(), 2e-4)
+            << carry << (has_prior ? ", prior: " : ": ") << T.t.transpose() << " for " << expected.transpose();
       }
 }
 

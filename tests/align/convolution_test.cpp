@@ -6,7 +6,7 @@
 #include <limits>
 #include <random>
 
-#include <iclk/align/internal/convolution.h>
+#include <iclk/align/network/convolution.h>
 #include <iclk/engine/submission.h>
 
 #include "device.h"

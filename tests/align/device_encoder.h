@@ -4,9 +4,9 @@
 
 #include <gtest/gtest.h>
 
-#include <iclk/align/internal/encoder.h>
-#include <iclk/align/internal/kernels.h>
-#include <iclk/align/internal/upload.h>
+#include <iclk/align/device/kernels.h>
+#include <iclk/align/device/upload.h>
+#include <iclk/align/network/encoder.h>
 
 #include "read_back.h"
 

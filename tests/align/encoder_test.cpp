@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include <iclk/align/internal/network.h>
+#include <iclk/align/network/network.h>
 
 #include "device_encoder.h"
 #include "plain_network.h"

@@ -6,9 +6,9 @@
 
 #include <unsupported/Eigen/MatrixFunctions>
 
-#include <iclk/align/internal/jacobian.h>
-#include <iclk/align/internal/normal_equations.h>
-#include <iclk/align/internal/weights.h>
+#include <iclk/align/solver/jacobian.h>
+#include <iclk/align/solver/normal_equations.h>
+#include <iclk/align/solver/weights.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {

@@ -5,11 +5,11 @@
 #include <cmath>
 
 #include <iclk/align/cpu_aligner.h>
-#include <iclk/align/internal/jacobian.h>
-#include <iclk/align/internal/m_estimator.h>
-#include <iclk/align/internal/mask.h>
-#include <iclk/align/internal/network.h>
-#include <iclk/align/internal/normal_equations.h>
+#include <iclk/align/network/m_estimator.h>
+#include <iclk/align/network/network.h>
+#include <iclk/align/solver/jacobian.h>
+#include <iclk/align/solver/mask.h>
+#include <iclk/align/solver/normal_equations.h>
 #include <iclk/engine/error.h>
 
 #include "learned_golden.h"

@@ -5,10 +5,10 @@
 #include <cmath>
 #include <cstring>
 
+#include <iclk/align/device/stages.h>
+#include <iclk/align/device/tiles.h>
+#include <iclk/align/device/upload.h>
 #include <iclk/align/device_aligner.h>
-#include <iclk/align/internal/stages.h>
-#include <iclk/align/internal/tiles.h>
-#include <iclk/align/internal/upload.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 
@@ -225,7 +225,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
       const float expected = weight[static_cast<size_t>(pixel[1]) * info.width + static_cast<size_t>(pixel[0])];
       // At the border a rounding decides whether a pixel is visible.
       const uint32_t lanes = sizes.iterate, block = k / (4 * lanes) * 4 * lanes;
-      const float weight_k = weights[block + 4 * ((k - block) % lanes) + (k - block) / lanes];  // shaders/weights.glsl
+      const float weight_k = weights[block + 4 * ((k - block) % lanes) + (k - block) / lanes];  // shaders/align/weights.glsl
       if ((weight_k == 0) != (expected == 0)) continue;
       ASSERT_NEAR(weight_k, expected, 1e-4) << "level " << level << " at " << pixel[0] << ", " << pixel[1];
       ++seen;

@@ -2,8 +2,8 @@
 // patches, and work that grows with their number squared would take minutes.
 #include <cstring>
 
-#include <iclk/align/internal/mask.h>
-#include <iclk/align/internal/stages.h>
+#include <iclk/align/device/stages.h>
+#include <iclk/align/solver/mask.h>
 #include <iclk/engine/submission.h>
 
 #include "solvers.h"

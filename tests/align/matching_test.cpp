@@ -1,6 +1,6 @@
 // Starts by matching: the minimal solver, the descriptors, and whole pairs that no rotation brings near, by every solver alike.
-#include <iclk/align/internal/matching.h>
-#include <iclk/align/internal/p3p.h>
+#include <iclk/align/search/matching.h>
+#include <iclk/align/search/p3p.h>
 
 #include "host_application.h"
 #include "solvers.h"

@@ -8,8 +8,8 @@
 #include <functional>
 #include <limits>
 
-#include <iclk/align/internal/json.h>
-#include <iclk/align/internal/safetensors.h>
+#include <iclk/align/model/json.h>
+#include <iclk/align/model/safetensors.h>
 #include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
 

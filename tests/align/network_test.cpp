@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include <iclk/align/cpu_aligner.h>
-#include <iclk/align/internal/m_estimator.h>
-#include <iclk/align/internal/network.h>
+#include <iclk/align/network/m_estimator.h>
+#include <iclk/align/network/network.h>
 #include <iclk/engine/error.h>
 
 #include "random_model.h"

@@ -1,5 +1,5 @@
-// Test kernel: the poses of shaders/p3p.glsl for triples of points and rays, 6 vec4 each; out: the count, then four poses of
-// three rows (R, t). Specialisation constant 0: workgroup size.
+// Test kernel: the poses of shaders/search/p3p.glsl for triples of points and rays, 6 vec4 each; out: the count, then four
+// poses of three rows (R, t). Specialisation constant 0: workgroup size.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -9,7 +9,7 @@ layout(set = 0, binding = 0, std430) readonly buffer Triples { vec4 triples[]; }
 layout(set = 0, binding = 1, std430) writeonly buffer Poses { vec4 poses[]; };
 layout(push_constant) uniform Push { uint count; } push;
 #include "se3.glsl"
-#include "p3p.glsl"
+#include "search/p3p.glsl"
 
 void main() {
   uint n = gl_GlobalInvocationID.x;

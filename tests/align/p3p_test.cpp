@@ -1,11 +1,11 @@
-// The minimal solver in single precision, as shaders/hypothesise.comp runs it, on triples of its own: in a whole start a wrong
-// coefficient hides behind hundreds of other tries and the refinement.
+// The minimal solver in single precision, as shaders/search/hypothesise.comp runs it, on triples of its own: in a whole start a
+// wrong coefficient hides behind hundreds of other tries and the refinement.
 #include <random>
 
 #include <gtest/gtest.h>
 #include <Eigen/Geometry>
 
-#include <iclk/align/internal/p3p.h>
+#include <iclk/align/search/p3p.h>
 #include <iclk/engine/kernel.h>
 #include <iclk/engine/memory.h>
 #include <iclk/engine/recorder.h>

@@ -2,9 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <iclk/align/cpu_aligner.h>
-#include <iclk/align/internal/jacobian.h>
-#include <iclk/align/internal/mask.h>
-#include <iclk/align/internal/normal_equations.h>
+#include <iclk/align/solver/jacobian.h>
+#include <iclk/align/solver/mask.h>
+#include <iclk/align/solver/normal_equations.h>
 #include <iclk/shaders/shared.h>
 
 #include "golden.h"

@@ -4,10 +4,10 @@
 #include <cstring>
 
 #include <iclk/align/cpu_aligner.h>
+#include <iclk/align/device/stages.h>
 #include <iclk/align/device_aligner.h>
-#include <iclk/align/internal/jacobian.h>
-#include <iclk/align/internal/mask.h>
-#include <iclk/align/internal/stages.h>
+#include <iclk/align/solver/jacobian.h>
+#include <iclk/align/solver/mask.h>
 #include <iclk/engine/submission.h>
 
 #include "device.h"

@@ -1,5 +1,5 @@
 // The start search: motions far outside the basin are found, by every solver alike.
-#include <iclk/align/internal/search.h>
+#include <iclk/align/search/search.h>
 
 #include "host_application.h"
 #include "solvers.h"

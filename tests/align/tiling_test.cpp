@@ -2,7 +2,7 @@
 #include <cmath>
 #include <random>
 
-#include <iclk/align/internal/network.h>
+#include <iclk/align/network/network.h>
 #include <iclk/engine/error.h>
 
 #include "device_encoder.h"

@@ -5,7 +5,7 @@ compares its own jitter with torchvision's _functional_tensor.py (which needs to
 
     appearance_reference.py > appearance_expected.h
 
-It shares no code with apps/appearance.cpp.
+It shares no code with apps/eval/appearance.cpp.
 """
 import importlib.util
 import math

@@ -1,4 +1,4 @@
-#include "apps/appearance_draw.h"
+#include "apps/eval/appearance_draw.h"
 
 #include <gtest/gtest.h>
 

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "apps/command.h"
+#include "apps/commands/command.h"
 #include "command_fixture.h"
 
 namespace iclk {

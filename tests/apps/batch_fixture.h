@@ -5,7 +5,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "apps/io/pose_text.h"
-#include "apps/scene.h"
+#include "apps/sets/scene.h"
 #include "batch_process.h"
 
 namespace iclk::test {

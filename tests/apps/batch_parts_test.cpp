@@ -2,7 +2,7 @@
 #include <atomic>
 #include <set>
 
-#include "apps/batch_run.h"
+#include "apps/batch/run.h"
 #include "files.h"
 
 namespace iclk {

@@ -1,12 +1,12 @@
-#include "apps/bench_runs.h"
+#include "apps/bench/runs.h"
 
 #include <limits>
 #include <set>
 
 #include <opencv2/imgproc.hpp>
 
-#include "apps/metrics.h"
-#include "apps/peers.h"
+#include "apps/eval/pose_errors.h"
+#include "apps/peers/peers.h"
 #include "device.h"
 #include "files.h"
 

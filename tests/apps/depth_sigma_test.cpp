@@ -3,7 +3,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "apps/command.h"
+#include "apps/commands/command.h"
 #include "apps/io/depth_sigma.h"
 #include "command_fixture.h"
 

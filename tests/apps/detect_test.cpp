@@ -1,4 +1,4 @@
-#include "apps/detect.h"
+#include "apps/session/detect.h"
 
 #include <cmath>
 

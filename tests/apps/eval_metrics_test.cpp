@@ -1,4 +1,4 @@
-#include "apps/eval_metrics.h"
+#include "apps/eval/metrics.h"
 
 #include <gtest/gtest.h>
 

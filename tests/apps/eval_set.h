@@ -4,7 +4,7 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include "apps/io/pose_text.h"
-#include "apps/scene.h"
+#include "apps/sets/scene.h"
 #include "files.h"
 
 namespace iclk::test {

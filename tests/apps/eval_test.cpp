@@ -1,9 +1,9 @@
 // A small set of rendered pairs, evaluated by the library on the CPU and by the built command.
 #include <algorithm>
 
-#include "apps/command.h"
-#include "apps/eval_pictures.h"
-#include "apps/eval_report.h"
+#include "apps/commands/command.h"
+#include "apps/eval/pictures.h"
+#include "apps/eval/report.h"
 #include "apps/io/images.h"
 #include "apps/io/text.h"
 #include "command_fixture.h"

@@ -3,8 +3,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "apps/command.h"
-#include "apps/foreign_poses.h"
+#include "apps/commands/command.h"
+#include "apps/peers/foreign_poses.h"
 #include "command_fixture.h"
 #include "eval_set.h"
 

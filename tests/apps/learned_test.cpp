@@ -12,11 +12,11 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include <iclk/align/internal/safetensors.h>
+#include <iclk/align/model/safetensors.h>
 #include <iclk/align/model_file.h>
 #include <iclk/align/tuning.h>
 
-#include "apps/command.h"
+#include "apps/commands/command.h"
 #include "command_fixture.h"
 #include "random_model.h"
 

@@ -2,9 +2,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "apps/metrics.h"
-#include "apps/scene.h"
-#include "apps/session.h"
+#include "apps/eval/pose_errors.h"
+#include "apps/session/session.h"
+#include "apps/sets/scene.h"
 #include "files.h"
 
 namespace iclk {

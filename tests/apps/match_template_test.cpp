@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 #include <opencv2/imgproc.hpp>
 
-#include <iclk/align/internal/matching.h>
+#include <iclk/align/search/matching.h>
 
 #include "relief.h"
 

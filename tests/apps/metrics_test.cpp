@@ -1,4 +1,4 @@
-#include "apps/metrics.h"
+#include "apps/eval/pose_errors.h"
 
 #include <gtest/gtest.h>
 

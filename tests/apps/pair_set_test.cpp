@@ -1,11 +1,11 @@
 // `iclk render` as a process: sets on the disk, killed and continued; single views; bad input.
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/batch_manifest.h"
-#include "apps/command.h"
+#include "apps/batch/manifest.h"
+#include "apps/commands/command.h"
 #include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
-#include "apps/pair_set.h"
+#include "apps/sets/pair_set.h"
 #include "batch_process.h"
 #include "device.h"
 #include "full_disk.h"

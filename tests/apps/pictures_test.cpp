@@ -1,10 +1,10 @@
-#include "apps/pictures.h"
+#include "apps/pictures/pictures.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "apps/scene.h"
+#include "apps/sets/scene.h"
 
 namespace iclk {
 namespace {

@@ -1,14 +1,14 @@
-#include "apps/session.h"
+#include "apps/session/session.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include <opencv2/imgcodecs.hpp>
 
+#include "apps/eval/pose_errors.h"
 #include "apps/io/sequence.h"
-#include "apps/metrics.h"
-#include "apps/report.h"
-#include "apps/scene.h"
+#include "apps/session/report.h"
+#include "apps/sets/scene.h"
 #include "files.h"
 
 namespace iclk {

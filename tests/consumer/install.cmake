@@ -5,7 +5,7 @@ execute_process(COMMAND ${CMAKE_COMMAND} --install ${BUILD} --prefix ${PREFIX} C
 
 file(GLOB_RECURSE installed RELATIVE ${PREFIX} ${PREFIX}/*)
 foreach(file ${installed})
-  if(file MATCHES "internal|\\.spv|\\.comp$|\\.glsl$|CMakeLists|\\.cpp$|gtest")
+  if(file MATCHES "include/iclk/[^/]+/[^/]+/|\\.spv|\\.comp$|\\.glsl$|CMakeLists|\\.cpp$|gtest")
     message(FATAL_ERROR "${file} is not for users and was installed")
   endif()
 endforeach()

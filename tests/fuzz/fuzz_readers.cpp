@@ -13,7 +13,7 @@
 
 #include <iclk/engine/error.h>
 
-#include "apps/batch_manifest.h"
+#include "apps/batch/manifest.h"
 #include "apps/io/camera_file.h"
 #include "apps/io/feature_csv.h"
 #include "apps/io/images.h"

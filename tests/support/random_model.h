@@ -3,8 +3,8 @@
 #include <random>
 #include <vector>
 
-#include <iclk/align/internal/network.h>
 #include <iclk/align/model.h>
+#include <iclk/align/network/network.h>
 
 namespace iclk::test {
 

@@ -1,5 +1,5 @@
 """Appearance in Python is that of iclk: jitter and the generator by the numbers of the C++ test, severe changes by numbers that
-apps/appearance.cpp gave."""
+apps/eval/appearance.cpp gave."""
 import os
 import re
 import unittest

@@ -1,0 +1,82 @@
+#pragma once
+#include <iclk/align/common/input.h>
+#include <iclk/align/device/stages.h>
+#include <iclk/align/device/tiles.h>
+#include <iclk/align/device_aligner.h>
+#include <iclk/align/solver/lm.h>
+#include <iclk/engine/submission.h>
+
+namespace iclk {
+
+/// State of a DeviceAligner, shared by its two ways to run: align() (device_aligner.cpp) and record() (device_recording.cpp).
+struct DeviceAligner::Impl {
+  struct Slot {
+    bool set = false, dirty = false;  // dirty: pixels and features are there, pyramid and template are not
+    bool recorded = false;            // dirty, and what ends it is recorded but not submitted
+    Camera camera;
+    Features features;
+    std::vector<FeatureCheck> checks;
+    double mean_inverse_depth = 0;
+    bool enough = false;
+    uint64_t version = 0;  // counts the images that were prepared
+  };
+
+  Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
+       const std::shared_ptr<const Model>& model, const Tuning& tuning);
+
+  std::shared_ptr<const engine::Context> context;
+  Plan plan;
+  AlignerOptions options;
+  Solver solver;
+  internal::Layout layout;
+  internal::WorkgroupSizes sizes;
+  int batch;
+  internal::Kernels kernels;
+  internal::AlignerBuffers ids;
+  internal::DeviceNetwork network;
+  internal::DeviceMatching matching;
+  engine::Workspace memory;
+  internal::RunBuffers run_ids;
+  engine::Workspace run;
+  engine::DescriptorArena arena;
+  std::unique_ptr<engine::StageTimer> timer;
+  engine::Submission submission;  // after all that it uses: its destructor may have to wait
+  std::vector<Slot> slots;
+  uint64_t targets_version = 0;  // counts the batches
+  bool recorded = false;         // record() was called: images change whenever the application executes, and nothing is counted
+  internal::TileLists tiles;
+  std::vector<engine::StageTime> no_times;
+
+  engine::ArenaSize arena_size() const;
+  internal::Stages stages() const {
+    return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, matching, most_features()};
+  }
+  /// Of the references that are set.
+  uint32_t most_features() const;
+
+  void check_pairs(std::span<const Pair> pairs) const;
+  /// Host data of a slot: camera, features, verdicts. Pixels are another matter.
+  void set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
+                std::vector<FeatureCheck> checks);
+  /// Copies staged pixels of the references that set_reference() left for this recording, and returns which they are.
+  std::vector<internal::Stages::Run> upload_dirty(engine::Recorder& recorder);
+  /// What upload_dirty() returned is prepared, now that the commands are submitted or the application's. Where recording or
+  /// submitting fails, the slots stay dirty for the next attempt.
+  void recorded_will_execute();
+  void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
+  /// Both images of every pair, ready to be aligned.
+  void prepare(engine::Recorder& recorder, std::span<const Pair> pairs);
+  /// Writes pair `index` of a run, a Pair or DevicePair, its starts included where there is a search.
+  template <class AnyPair>
+  void pack(const AnyPair& pair, uint32_t index, const internal::RunBuffers& to_ids, const engine::Workspace& to) const;
+  std::vector<Alignment> align_on_device(std::span<const Pair> pairs);
+  std::vector<Alignment> align_on_host(std::span<const Pair> pairs);
+  void submit();
+
+  class PixelMaps;
+
+ private:
+  struct HostRun;
+};
+
+}  // namespace iclk

@@ -1,0 +1,109 @@
+#include <iclk/align/device/kernels.h>
+
+#include "agreement.comp.spv.h"
+#include "inverse_depth.comp.spv.h"
+#include "iterate.comp.spv.h"
+#include "jacobian.comp.spv.h"
+#include "lm_step.comp.spv.h"
+#include "mask.comp.spv.h"
+#include "normal_equations.comp.spv.h"
+#include "residual.comp.spv.h"
+#include "result.comp.spv.h"
+#include "select.comp.spv.h"
+#include "weights.comp.spv.h"
+
+namespace iclk::internal {
+
+uint32_t shader_format(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::r8: return ICLK_FORMAT_R8;
+    case PixelFormat::bgra8: return ICLK_FORMAT_BGRA8;
+    case PixelFormat::r32f: return ICLK_FORMAT_R32F;
+    case PixelFormat::rgba32f: return ICLK_FORMAT_RGBA32F;
+    default: return ICLK_FORMAT_RGBA8;
+  }
+}
+
+VkFormat texel_format(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::r8: return VK_FORMAT_R8_UNORM;
+    case PixelFormat::r32f: return VK_FORMAT_R32_SFLOAT;
+    case PixelFormat::rgba32f: return VK_FORMAT_R32G32B32A32_SFLOAT;
+    default: return VK_FORMAT_R8G8B8A8_UNORM;  // of BGRA as well, which not every device has: shaders swap
+  }
+}
+
+Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
+                 const Layout& layout, const WorkgroupSizes& sizes) {
+  using enum engine::BindingKind;
+  using namespace shaders;
+  const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
+                 robust = static_cast<uint32_t>(options.robust), masked = plan.target_masks;
+  engine::KernelBatch batch(context);
+  if (plan.target_masks) target_masks = {context, plan, layout, sizes.map};
+  if (!layout.learned) pyramid = {context, plan.format, layout, sizes.map};
+  if (plan.dense)
+    batch.add(inverse_depth,
+              {"mask", inverse_depth_comp_spv, {storage_read, storage_read_write}, sizeof(JacobianPush), {sizes.map}});
+  else
+    batch.add(mask, {"mask",
+                     mask_comp_spv,
+                     {storage_read, storage_read, storage_read, storage_read, storage_read, storage_write},
+                     sizeof(MaskPush),
+                     {sizes.map, plan.max_features > 32767}});
+  batch.add(jacobian, {"jacobian",
+                       jacobian_comp_spv,
+                       {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write},
+                       sizeof(JacobianPush),
+                       {sizes.map, plan.dense}});
+  if (options.robust != Robust::unit) {
+    batch.add(residual,
+              {"residual",
+               residual_comp_spv,
+               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_write, storage_read},
+               sizeof(IteratePush),
+               {sizes.iterate, 0, 0, weighted, 0, masked}});
+    batch.add(weights, {"weights",
+                        weights_comp_spv,
+                        {storage_read, storage_read, storage_read_write, storage_read_write},
+                        sizeof(IteratePush),
+                        {sizes.weights, 4 * sizes.iterate, 0, 0, robust}});
+  }
+  batch.add(normal_equations, {"normal_equations",
+                               normal_equations_comp_spv,
+                               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
+                                storage_read, storage_write},
+                               sizeof(IteratePush),
+                               {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
+  batch.add(lm_step, {"lm_step",
+                      lm_step_comp_spv,
+                      {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write},
+                      sizeof(IteratePush),
+                      {0, photometric, adaptive}});
+  batch.add(iterate, {"iterate",
+                      iterate_comp_spv,
+                      {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read_write,
+                       storage_read_write, storage_write},
+                      sizeof(IteratePush),
+                      {sizes.iterate, photometric, adaptive, weighted, robust, masked}});
+  batch.add(agreement, {"agreement",
+                        agreement_comp_spv,
+                        {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
+                         storage_read, storage_write},
+                        sizeof(IteratePush),
+                        {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
+  if (options.search.enabled)
+    batch.add(select, {"search",
+                       select_comp_spv,
+                       {storage_read, storage_read, storage_read, storage_read_write},
+                       sizeof(SelectPush),
+                       {sizes.iterate}});
+  batch.add(result, {"result",
+                     result_comp_spv,
+                     {storage_read, storage_read, storage_read, storage_read_write, storage_write},
+                     sizeof(ResultPush),
+                     {}});
+  batch.make();
+}
+
+}  // namespace iclk::internal

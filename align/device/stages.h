@@ -1,0 +1,114 @@
+#pragma once
+#include <optional>
+#include <vector>
+
+#include <iclk/align/aligner.h>
+#include <iclk/align/device/kernels.h>
+#include <iclk/align/network/device_network.h>
+#include <iclk/align/search/device_matching.h>
+#include <iclk/align/solver/verdict.h>
+#include <iclk/engine/memory.h>
+#include <iclk/engine/recorder.h>
+
+namespace iclk::internal {
+
+/// Buffers of an aligner: images, maps, templates.
+struct AlignerBuffers {
+  AlignerBuffers(const Layout& layout, const Plan& plan, Solver solver, const WorkgroupSizes& sizes, bool unified_memory,
+                 int batch);
+
+  engine::MemoryPlan plan;
+  engine::BufferId levels, references, features, tiles, entries, pixels0, pixels1, maps0, maps1, mask, template_a, template_b,
+      weights, parts;
+  std::optional<engine::BufferId> staging0, staging1, staging_depth;  // where device memory cannot be mapped
+};
+
+/// Buffers of one run over a batch: what the host says of the pairs and what the device solver leaves.
+struct RunBuffers {
+  RunBuffers(const Layout& layout, const AlignerOptions& options, bool unified_memory, int pairs);
+
+  engine::MemoryPlan plan;
+  engine::BufferId pairs, states, trace, results;
+  std::optional<engine::BufferId> states_read, trace_read;  // where device memory cannot be mapped
+  // Of a start search: every start of every pair, what is left after each selection, and their states.
+  std::optional<engine::BufferId> starts, screened, kept, search_states;
+};
+
+/// Workgroups that one level's normal equations take.
+uint32_t partial_groups(const Layout& layout, const WorkgroupSizes& sizes, int level);
+
+/// Records the stages of an alignment, each under its name. Everything is borrowed.
+struct Stages {
+  const Layout& layout;
+  const Plan& plan;
+  const AlignerOptions& options;
+  const WorkgroupSizes& sizes;
+  const Kernels& kernels;
+  const AlignerBuffers& ids;
+  const engine::Workspace& memory;
+  const RunBuffers& run_ids;
+  const engine::Workspace& run;
+  const DeviceNetwork& network;
+  const DeviceMatching& matching;
+  uint32_t features;  // of any reference, at most
+
+  /// References [first, first + count).
+  struct Run {
+    uint32_t first, count;
+  };
+  /// Maps (grey pyramid or encoder) of these references and of the first `targets` targets.
+  void maps(engine::Recorder& recorder, std::span<const Run> references, uint32_t targets) const;
+  /// Mask and Jacobian of references that have maps.
+  void prepare(engine::Recorder& recorder, const Run& references) const;
+  /// Start search: the poses of the first `pairs` PairInfo are replaced by those that matching finds, or the best about them.
+  /// The starts must have been packed.
+  void search(engine::Recorder& recorder, uint32_t pairs) const;
+  /// Residual and weights with which a level starts; nothing with unit weights.
+  void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;
+  /// One evaluation of the sums, in parts.
+  void normal_equations(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iteration, uint32_t flags) const;
+  /// What both images' gradients say of the finest level's pose, in parts.
+  void agreement(engine::Recorder& recorder, uint32_t pairs, uint32_t flags) const;
+  /// The whole coarse-to-fine alignment of the device solver, verdict included.
+  void align(engine::Recorder& recorder, uint32_t pairs) const;
+  /// Makes states and trace readable for the host.
+  void read_back(engine::Recorder& recorder, uint32_t pairs) const;
+
+  /// Where a level of the references or of the targets lies.
+  const engine::Buffer& map0(int level) const { return at(level == 0 && layout.level0_in_pixels ? ids.pixels0 : ids.maps0); }
+  const engine::Buffer& map1(int level) const { return at(level == 0 && layout.level0_in_pixels ? ids.pixels1 : ids.maps1); }
+
+  /// Room in a descriptor arena for one recording.
+  static engine::ArenaSize arena_size(const Kernels& kernels, const DeviceNetwork& network, const DeviceMatching& matching);
+
+ private:
+  void result(engine::Recorder& recorder, uint32_t pairs) const;
+  const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
+  shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
+  void iterate(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const;
+  void descend(engine::Recorder& recorder, engine::BufferId candidates, uint32_t count, int finest, int iterations) const;
+  void select(engine::Recorder& recorder, engine::BufferId candidates, engine::BufferId kept, uint32_t pairs, uint32_t count,
+              uint32_t keep) const;
+};
+
+/// The starts of a search about the first guess of pair `index`, where Stages::search expects them.
+void pack_starts(const shaders::PairInfo& pair, uint32_t index, const SE3& T_10, const Camera& camera,
+                 const AlignerOptions& options, const RunBuffers& ids, const engine::Workspace& run);
+
+/// Mapped states or trace, wherever the host can read them.
+const shaders::PairState* read_states(const RunBuffers& ids, const engine::Workspace& run);
+const shaders::TraceEntry* read_trace(const RunBuffers& ids, const engine::Workspace& run);
+
+NormalSums unpack_sums(const float* sums);
+Agreement unpack_agreement(const float* sums);
+SE3 unpack_pose(const float* pose);
+void pack_pose(const SE3& T, float* pose);
+shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, uint32_t target, bool enabled,
+                            const AlignerOptions& options);
+
+/// What the device solver left of a pair, judged like any other.
+Alignment conclude_device(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options,
+                          const Camera& camera, double mean_inverse_depth, const PosePrior* prior,
+                          const std::vector<FeatureCheck>& checks);
+
+}  // namespace iclk::internal

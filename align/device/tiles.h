@@ -1,0 +1,29 @@
+#pragma once
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include <iclk/align/device/layout.h>
+#include <iclk/align/features.h>
+
+namespace iclk::internal {
+
+/// Lists, for the mask kernel, the features whose patches reach into each 8x8 block of each level (shaders::MaskTile), in time
+/// and space proportional to the features. Keeps its scratch memory: built once for a plan, it allocates nothing afterwards.
+class TileLists {
+ public:
+  TileLists(const Plan& plan, const Layout& layout);
+
+  /// Writes at most Layout::tile_stride tiles and Layout::entry_stride entries, in order, and returns the number of tiles.
+  /// Features that are not ok are in no list. Positions in single precision, like the kernel's.
+  uint32_t build(const Features& features, std::span<const FeatureCheck> checks, shaders::MaskTile* tiles, uint32_t* entries);
+
+ private:
+  const Layout& layout_;
+  std::vector<uint32_t> tile_of_block_;   // 1 + its tile in this level; 0: none yet
+  std::vector<shaders::MaskTile> tiles_;  // of a level
+  std::vector<uint32_t> blocks_;          // their blocks
+  std::vector<uint32_t> entries_;         // of a level
+};
+
+}  // namespace iclk::internal

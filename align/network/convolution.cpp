@@ -1,0 +1,297 @@
+#include <iclk/align/network/convolution.h>
+
+#include <algorithm>
+#include <bit>
+#include <cstring>
+#include <thread>
+
+#include <iclk/engine/submission.h>
+
+#include "conv_border.comp.spv.h"
+#include "conv_direct.comp.spv.h"
+#include "conv_direct_plain.comp.spv.h"
+#include "winograd2_fused.comp.spv.h"
+#include "winograd2_input.comp.spv.h"
+#include "winograd2_product.comp.spv.h"
+#include "winograd2_product_plain.comp.spv.h"
+#include "winograd4_fused.comp.spv.h"
+#include "winograd4_input.comp.spv.h"
+#include "winograd4_product.comp.spv.h"
+#include "winograd4_product_plain.comp.spv.h"
+#include "winograd4x1.comp.spv.h"
+#include "winograd4x1_fused.comp.spv.h"
+#include "winograd4x1_plain.comp.spv.h"
+
+namespace iclk::internal {
+namespace {
+
+constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
+// Transformed tiles of a strip: what a CPU's caches hold; elsewhere enough for all of its cores.
+constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
+constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
+
+// Tiles of all images, and of one sub-grid in x and y. Four sub-grids of an even dilation fill up a workgroup each: see
+// shaders/convolution/winograd_tile.glsl.
+struct Tiles {
+  Tiles(const ConvStep& step, uint32_t lanes) {
+    const uint32_t span = tile_size(step.variant) * step.dilation;
+    x = engine::groups_for(step.out.width, span);
+    y = engine::groups_for(step.out.height, span);
+    all = static_cast<uint64_t>(x) * y * step.dilation * step.dilation * step.out.images;
+    if (step.dilation % 2 == 0) all = (all / 4 + lanes - 1) / lanes * lanes * 4;
+  }
+  uint32_t x, y;
+  uint64_t all;
+};
+
+// A power of two.
+uint32_t product_lanes(engine::DeviceType type) { return type == engine::DeviceType::cpu ? 8 : 64; }
+static_assert(ICLK_WINOGRAD_TILES == 4, "an invocation has the tiles of 2x2 sub-grids");
+
+// Tiles that a workgroup of the products takes.
+uint64_t group_tiles(uint32_t lanes) { return static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * lanes; }
+uint64_t tile_texels(const ConvStep& step) { return static_cast<uint64_t>(positions(step.variant)) * step.in.planes(); }
+uint64_t fused_texels(const ConvStep& step) {
+  if (!of_whole_tiles(step.variant)) return ICLK_FUSED_WORK_TEXELS;
+  return ICLK_FUSED_WORK_TEXELS + ICLK_FUSED_SLOTS * group_tiles(product_lanes(engine::DeviceType::cpu)) * tile_texels(step);
+}
+
+// Blocks of output channels that an item of a fused step may have; 0: none. lavapipe ends the loops of an invocation after
+// 65,535 turns, all of them together, and says nothing.
+uint64_t most_item_blocks(const ConvStep& step) {
+  constexpr uint64_t turns = 50'000;
+  const uint64_t m = tile_size(step.variant) + 2, planes = step.in.planes(),
+                 transform = ICLK_WINOGRAD_TILES * (1 + planes * (1 + m)),
+                 block = 1 + m * (1 + m * ((planes + 1) / 2)) + std::max<uint64_t>(m, ICLK_WINOGRAD_TILES);
+  return transform < turns ? (turns - transform) / block : 0;
+}
+
+// Fewer where there are not enough items for all threads; but each of them transforms its tiles anew.
+uint32_t item_blocks(const ConvStep& step, uint64_t groups) {
+  const uint64_t blocks = engine::groups_for(step.out.channels, kBlock), wanted = 2ull * std::thread::hardware_concurrency(),
+                 parts = std::clamp<uint64_t>((wanted + groups - 1) / groups, 1, blocks);
+  return static_cast<uint32_t>(std::min(most_item_blocks(step), (blocks + parts - 1) / parts));
+}
+
+}  // namespace
+
+uint64_t TensorLayout::texels() const {
+  const uint64_t beyond = static_cast<uint64_t>(pitch()) * border * (ICLK_CONV_ROWS + 2) + pitch();
+  return offset() + static_cast<uint64_t>(plane()) * planes() * images + beyond;
+}
+
+bool can_reduce(const ConvStep& step) {
+  if (step.variant == ConvVariant::winograd4x1) return step.fused && FusedColumns::can_reduce(step);
+  return of_whole_tiles(step.variant) && step.dilation % 2 == 0;
+}
+
+bool can_fuse(const ConvStep& step, const engine::Context& context) {
+  const VkPhysicalDeviceLimits& limits = context.limits();
+  return step.variant != ConvVariant::direct && context.info().type == engine::DeviceType::cpu && can_shuffle(context.info()) &&
+         fused_texels(step) <= std::min<uint64_t>(limits.maxStorageBufferRange / 16, limits.maxTexelBufferElements) &&
+         (!of_whole_tiles(step.variant) || most_item_blocks(step) > 0);
+}
+
+ChannelSums channel_sums(const ConvStep& step, Precision precision) {
+  const uint64_t means = step.half.width ? step.half.texels() * texel_bytes(precision) : 0;
+  ChannelSums sums;
+  sums.offset = static_cast<uint32_t>((means + 15) / 16);
+  sums.pitch = (step.out.width + 1) / 2;
+  sums.plane = sums.pitch * ((step.out.height + 1) / 2);
+  sums.planes = engine::groups_for(step.out.channels, kBlock);
+  return sums;
+}
+
+ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle,
+                         Precision precision)
+    : precision_(precision),
+      direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
+      product_lanes_(product_lanes(context->info().type)) {
+  using enum engine::BindingKind;
+  using Spirv = engine::ShaderCode;
+  const uint32_t half = precision == Precision::fp16;
+  engine::KernelBatch wanted(context);
+  wanted.add(
+      border_,
+      {"encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}});
+  const auto columns = [&](engine::Kernel& kernel, Spirv spirv) {
+    wanted.add(kernel,
+               {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), {direct_lanes_, half}});
+  };
+  const auto winograd = [&](const ConvStep& step, Spirv input, Spirv product, Spirv fused) {
+    Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
+    constexpr uint32_t bytes = sizeof(shaders::WinogradPush);
+    const std::vector<uint32_t> constants{product_lanes_, half, step.reduced};
+    if (step.fused) {
+      wanted.add(kernels.fused[step.reduced],
+                 {"encode", fused, {image_read, image_read, storage_write, storage_read_write, texel_read}, bytes, constants});
+      return;
+    }
+    wanted.add(kernels.input, {"encode", input, {texel_read, storage_write}, bytes, {kInputLanes}});
+    wanted.add(kernels.product[step.reduced], {"encode", product, {image_read, image_read, storage_write}, bytes, constants});
+  };
+  const auto choose = [&](Spirv shared, Spirv plain) { return shuffle ? shared : plain; };
+  for (const ConvStep& step : steps) switch (step.variant) {
+      case ConvVariant::direct: columns(direct_, choose(conv_direct_comp_spv, conv_direct_plain_comp_spv)); break;
+      case ConvVariant::winograd4x1:
+        if (step.fused)
+          wanted.add(fused_columns_[FusedColumns::kernel_of(step)], FusedColumns::description(step, precision));
+        else
+          columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
+        break;
+      case ConvVariant::winograd2:
+        winograd(step, winograd2_input_comp_spv, choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv),
+                 winograd2_fused_comp_spv);
+        break;
+      case ConvVariant::winograd4:
+        winograd(step, winograd4_input_comp_spv, choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
+                 winograd4_fused_comp_spv);
+        break;
+    }
+  wanted.make();
+}
+
+uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context& context) {
+  if (step.fused) return fused_texels(step);
+  const VkPhysicalDeviceLimits& limits = context.limits();
+  const engine::DeviceType type = context.info().type;
+  const uint64_t bytes = type == engine::DeviceType::cpu ? kStripBytesCpu : kStripBytes;
+  return scratch_texels(step, type,
+                        std::min<uint64_t>({bytes, limits.maxStorageBufferRange, limits.maxTexelBufferElements * 16ull}) / 16);
+}
+
+uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
+  if (!of_whole_tiles(step.variant)) return 0;
+  const uint64_t tile = tile_texels(step), group = group_tiles(product_lanes(type));
+  const uint64_t wanted = (Tiles(step, product_lanes(type)).all + group - 1) / group * group;
+  return tile * std::clamp(most / tile / group * group, group, wanted);
+}
+
+void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
+                         const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch,
+                         const MapPlace& place, std::span<const MapPart> parts) const {
+  if (of_whole_tiles(step.variant))
+    record_tiles(recorder, step, in, weights, out, scratch);
+  else if (step.fused)
+    fused_columns_.record(recorder, step, in, weights, out, scratch, place, parts);
+  else
+    record_columns(recorder, step, in, weights, out);
+}
+
+void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
+                               const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
+  const Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
+  const Tiles tiles(step, product_lanes_);
+  const TensorLayout& to = step.reduced ? step.half : step.out;
+  const uint64_t group = group_tiles(product_lanes_), groups = (tiles.all + group - 1) / group;
+  shaders::WinogradPush push{};
+  set_layer(push, step, 0, to);
+  push.lane_bits = static_cast<uint32_t>(std::countr_zero(product_lanes_));
+  push.halves = step.half.width > 0 && step.half.height > 0;
+  push.sums = step.reduced ? channel_sums(step, precision_).offset : 0;
+  push.tiles_x = tiles.x;
+  push.tiles_y = tiles.y;
+  if (step.fused) {
+    push.tiles = static_cast<uint32_t>(tiles.all);
+    push.item_blocks = item_blocks(step, groups);
+    const uint32_t blocks = engine::groups_for(step.out.channels, kBlock);
+    push.counter = step.counter;
+    // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
+    recorder.dispatch(kernels.fused[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
+                      spread(1, 2 * groups * engine::groups_for(blocks, push.item_blocks), 1));
+    return;
+  }
+  // Small enough for a CPU's cache, and a multiple of what a workgroup takes.
+  const uint64_t strip = std::min(scratch.size / 16 / tile_texels(step) / group, groups) * group;
+  push.strip = static_cast<uint32_t>(strip);
+  for (uint64_t first = 0; first < tiles.all; first += strip) {
+    push.first_tile = static_cast<uint32_t>(first);
+    push.tiles = static_cast<uint32_t>(std::min(strip, tiles.all - first));
+    recorder.dispatch(kernels.input, {&in, &scratch}, push, {engine::groups_for(push.tiles, kInputLanes), push.in_planes, 1});
+    recorder.dispatch(
+        kernels.product[step.reduced], {&scratch, &weights, &out}, push,
+        {engine::groups_for(step.out.channels, kBlock), engine::groups_for(push.tiles, static_cast<uint32_t>(group)), 1});
+  }
+}
+
+void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
+                                 const engine::Buffer& weights, const engine::Buffer& out) const {
+  shaders::ConvPush push{};
+  set_layer(push, step, step.dilation * (step.in.pitch() + 1), step.out);
+  const bool direct = step.variant == ConvVariant::direct;
+  const uint32_t tall = direct ? ICLK_CONV_ROWS : 4 * ICLK_COLUMN_TILES;
+  const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, tall * push.dilation)) * push.dilation;
+  recorder.dispatch(direct ? direct_ : column_, {&in, &weights, &out}, push,
+                    spread(engine::groups_for(step.out.channels, kBlock), rows * push.width * push.images, direct_lanes_));
+}
+
+void ConvKernels::record_start(engine::Recorder& recorder, const engine::Buffer& scratch) const {
+  recorder.fill(scratch, 0, 0, 16 * ICLK_FUSED_WORK_TEXELS);
+}
+
+void ConvKernels::record_borders(engine::Recorder& recorder, const TensorLayout& in_first, const TensorLayout& in_second,
+                                 const engine::Buffer& first, const engine::Buffer& second) const {
+  const uint32_t planes[] = {in_first.planes() * in_first.images, in_second.planes() * in_second.images};
+  const TensorLayout& any = planes[0] > 0 ? in_first : in_second;
+  const shaders::BorderPush push{any.height, any.offset(), any.pitch(), any.plane(), any.border, {planes[0], planes[1]}};
+  recorder.dispatch(border_, {&first, &second}, push,
+                    {engine::groups_for((any.height + any.pitch()) * any.border, kBorderLanes),
+                     1 + std::max(planes[0], planes[1]), planes[1] > 0 ? 2u : 1u});
+}
+
+void ConvKernels::add_to(engine::ArenaSize& size) const {
+  // The activations go to and fro between two buffers.
+  size.add(border_, 2);
+  if (direct_) size.add(direct_, 2);
+  if (column_) size.add(column_, 2);
+  fused_columns_.add_to(size);
+  for (const Winograd& w : winograd_) {
+    if (w.input) size.add(w.input, 2);
+    for (const engine::Kernel* kernel : {&w.product[0], &w.product[1], &w.fused[0], &w.fused[1]})
+      if (*kernel) size.add(*kernel, 2);
+  }
+}
+
+uint64_t conv_shader_hash() {
+  uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
+  const engine::ShaderCode all[] = {
+      conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd2_fused_comp_spv, winograd2_input_comp_spv,
+      winograd2_product_comp_spv, winograd2_product_plain_comp_spv, winograd4_fused_comp_spv, winograd4_input_comp_spv,
+      winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,
+      winograd4x1_plain_comp_spv};
+  for (const engine::ShaderCode& code : all)
+    for (uint32_t word : code.texels) hash = (hash ^ word) * 0x100000001b3u;
+  return hash;
+}
+
+bool can_shuffle(const engine::DeviceInfo& info) {
+  return info.subgroup_size >= kBlock && (info.subgroup_operations & VK_SUBGROUP_FEATURE_SHUFFLE_BIT) != 0;
+}
+
+engine::Groups spread(uint32_t x, uint64_t count, uint32_t lanes) {
+  const uint64_t groups = (count + lanes - 1) / lanes;
+  constexpr uint64_t most = 32768;  // every device has 65,535
+  const uint64_t y = std::min(groups, most);
+  return {x, static_cast<uint32_t>(y), static_cast<uint32_t>(y ? (groups + y - 1) / y : 0)};
+}
+
+void write_buffer(const std::shared_ptr<const engine::Context>& context, const engine::Buffer& buffer,
+                  std::span<const float> data) {
+  if (data.empty()) return;
+  if (buffer.mapped) {
+    std::memcpy(buffer.mapped, data.data(), data.size_bytes());
+    return;
+  }
+  engine::MemoryPlan plan;
+  const auto id = plan.add("weights staging", data.size_bytes(), engine::MemoryKind::upload, engine::BufferUse::transfer);
+  const engine::Workspace staging(context, plan);
+  std::memcpy(staging[id].mapped, data.data(), data.size_bytes());
+  engine::Submission submission(context);
+  engine::DescriptorArena arena(context, {});
+  engine::Recorder recorder(*context, submission.begin(), arena);
+  recorder.copy(staging[id], buffer, data.size_bytes());
+  submission.end();
+  submission.submit_and_wait();
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,24 @@
+#pragma once
+#include <memory>
+#include <optional>
+
+#include <iclk/align/network/device_m_estimator.h>
+#include <iclk/align/network/encoder.h>
+
+namespace iclk::internal {
+
+/// What a device computes of a model; nothing where there is none.
+struct DeviceNetwork {
+  /// Arithmetic only: adds its buffers to `memory`. Precondition: check_model(), check_model_use().
+  DeviceNetwork(const engine::Context& context, const std::shared_ptr<const Model>& model, const Layout& layout,
+                const Plan& plan, const AlignerOptions& options, int batch, const Tuning& tuning, engine::MemoryPlan& memory);
+
+  /// Kernels and weights. `sum_lanes`: WorkgroupSizes::iterate. Once, with a workspace of that plan.
+  void load(const std::shared_ptr<const engine::Context>& context, const engine::Workspace& memory, uint32_t sum_lanes);
+  void add_to(engine::ArenaSize& size) const;
+
+  std::optional<Encoder> encoder;
+  std::optional<MEstimator> m_estimator;
+};
+
+}  // namespace iclk::internal

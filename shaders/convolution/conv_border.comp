@@ -1,0 +1,34 @@
+#version 460
+// Zero border of every plane of activations: right of each row, which is left of the next one, and below, which is above the
+// next plane. Plane 0 of the dispatch is what lies before the first plane. Two buffers have planes of the same layout.
+// Groups: (ceil((height + pitch) width / local size), 1 + planes of all images, 2).
+#extension GL_GOOGLE_include_directive : require
+#include "network/network.h"
+layout(local_size_x_id = 0) in;
+layout(constant_id = 1) const bool HALF = false;
+layout(set = 0, binding = 0, std430) writeonly buffer First { vec4 first[]; };
+layout(set = 0, binding = 0, std430) writeonly buffer FirstHalf { uvec2 first_half[]; };
+layout(set = 0, binding = 1, std430) writeonly buffer Second { vec4 second[]; };
+layout(set = 0, binding = 1, std430) writeonly buffer SecondHalf { uvec2 second_half[]; };
+layout(push_constant) uniform Push { BorderPush push; };
+
+void main() {
+  uint id = gl_GlobalInvocationID.x, right = push.height * push.width;
+  uint planes = push.planes[gl_WorkGroupID.z];
+  if (planes == 0u || gl_WorkGroupID.y > planes || id >= right + push.width * push.pitch) return;
+  if (gl_WorkGroupID.y == 0u && id < right - push.width) return;
+  uint at = id < right ? (id / push.width) * push.pitch + (push.pitch - push.width) + id % push.width
+                       : push.height * push.pitch + (id - right);
+  at += push.offset + gl_WorkGroupID.y * push.plane - push.plane;
+  if (gl_WorkGroupID.z == 0u) {
+    if (HALF)
+      first_half[at] = uvec2(0u);
+    else
+      first[at] = vec4(0.0);
+  } else {
+    if (HALF)
+      second_half[at] = uvec2(0u);
+    else
+      second[at] = vec4(0.0);
+  }
+}
