@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstring>
 
-#include <iclk/align/device/device_impl.h>
+#include <iclk/align/device/impl.h>
 #include <iclk/align/device/target_masks.h>
 #include <iclk/align/device/upload.h>
 #include <iclk/align/model/model_check.h>

@@ -1,8 +1,8 @@
 #include <algorithm>
 #include <cstring>
 
-#include <iclk/align/device/device_impl.h>
 #include <iclk/align/device/grey_pyramid.h>
+#include <iclk/align/device/impl.h>
 
 namespace iclk {
 namespace {

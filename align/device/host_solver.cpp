@@ -1,6 +1,6 @@
 #include <iclk/align/device_aligner.h>
 
-#include <iclk/align/device/device_impl.h>
+#include <iclk/align/device/impl.h>
 
 namespace iclk {
 

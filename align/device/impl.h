@@ -8,7 +8,7 @@
 
 namespace iclk {
 
-/// State of a DeviceAligner, shared by its two ways to run: align() (device_aligner.cpp) and record() (device_recording.cpp).
+/// State of a DeviceAligner, shared by its two ways to run: align() (device_aligner.cpp) and record() (recording.cpp).
 struct DeviceAligner::Impl {
   struct Slot {
     bool set = false, dirty = false;  // dirty: pixels and features are there, pyramid and template are not

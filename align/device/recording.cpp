@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-#include <iclk/align/device/device_impl.h>
+#include <iclk/align/device/impl.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/result.h>
 
