@@ -249,7 +249,7 @@ template void DeviceAligner::Impl::pack(const DevicePair&, uint32_t, const inter
 
 std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair> pairs) {
   const auto n = static_cast<uint32_t>(pairs.size());
-  Recorder recorder(*context, submission.begin(), arena, timer.get());
+  Recorder recorder(submission, arena, timer.get());
   prepare(recorder, pairs);
   for (uint32_t i = 0; i < n; ++i) pack(pairs[i], i, run_ids, run);
   const internal::Stages s = stages();

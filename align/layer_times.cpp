@@ -96,7 +96,7 @@ struct Tensors {
     memory.emplace(context, plan);
     engine::Submission fill(context);
     engine::DescriptorArena arena(context, {});
-    engine::Recorder recorder(*context, fill.begin(), arena);
+    engine::Recorder recorder(fill, arena);
     // 0.5: denormals and NaN have times of their own.
     recorder.fill((*memory)[x], shape.precision == Precision::fp16 ? 0x38003800u : 0x3f000000u);
     fill.end();
@@ -132,7 +132,7 @@ class Trial {
     convolutions.add_to(size);
     kernels.maps.add_to(size, 1);
     arena_.emplace(context, size);
-    engine::Recorder recorder(*context, submission_.begin(), *arena_);
+    engine::Recorder recorder(submission_, *arena_);
     const engine::Workspace& shared = *tensors.memory;
     const engine::Buffer &x = shared[tensors.x], &y = shared[tensors.y], &scratch = (*memory_)[tiles];
     if (step.fused) convolutions.record_start(recorder, scratch);

@@ -1,5 +1,6 @@
 #include <iclk/engine/context.h>
 
+#include <algorithm>
 #include <limits>
 
 #include <iclk/engine/internal/instance.h>
@@ -7,6 +8,12 @@
 
 namespace iclk::engine {
 namespace {
+
+/// Its macro is in vulkan_beta.h.
+constexpr const char* kPortabilitySubset = "VK_KHR_portability_subset";
+
+/// A quarter of what Windows allows, which is the least.
+constexpr double kLongestSubmission = 0.5;
 
 /// The host's lock, released on every way out.
 class HostLock {
@@ -34,6 +41,7 @@ struct ContextBuilder {
     const InstanceFunctions& vk = c.instance_functions_;
     c.info_ = info_of(vk, c.physical_device_, capabilities);
     c.limits_ = capabilities.limits;
+    c.longest_submission_ = c.info_.type == DeviceType::cpu ? std::numeric_limits<double>::infinity() : kLongestSubmission;
     c.storage_reads_ = storage_reads || c.limits_.maxTexelBufferElements < kLeastTexels;
     if (c.storage_reads_) c.limits_.maxTexelBufferElements = std::numeric_limits<uint32_t>::max();
     c.timestamp_valid_bits_ = capabilities.queue_families[c.queue_family_].timestampValidBits;
@@ -83,6 +91,9 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   queue.pQueuePriorities = &priority;
   std::vector<const char*> extensions;
   for (const std::string& extension : needed.device_extensions) extensions.push_back(extension.c_str());
+  // The specification asks for it where it is offered.
+  const std::vector<std::string>& offered = capabilities[choice.index].device_extensions;
+  if (std::find(offered.begin(), offered.end(), kPortabilitySubset) != offered.end()) extensions.push_back(kPortabilitySubset);
   VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO};
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
@@ -103,6 +114,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   c.owns_device_ = true;
   c.vk_.GetDeviceQueue(device, c.queue_family_, 0, &c.queue_);
   describe(c, capabilities[choice.index], options.storage_reads);
+  if (options.longest_submission) c.longest_submission_ = *options.longest_submission;
   if (!options.subgroups) c.info_.subgroup_operations = 0;
   make_pipeline_cache(c);
   if (instance->validation())

@@ -2,6 +2,7 @@
 #include <functional>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -20,7 +21,9 @@ struct ContextOptions {
   /// Receives what validation has to say. May be called from any thread that uses the context, one call at a time.
   std::function<void(MessageSeverity, const std::string&)> on_message;
   bool storage_reads = false;  ///< read storage buffers in place of texel buffers, though these are large enough
-  bool subgroups = true;       ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
+  /// s: the most that one submission may take (Context::longest_submission()).
+  std::optional<double> longest_submission;
+  bool subgroups = true;  ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
 };
 
 /// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is
@@ -70,6 +73,10 @@ class Context {
   /// CPU or integrated: device memory is host memory, and buffers of MemoryKind::device are mapped where possible.
   bool unified_memory() const { return info_.type == DeviceType::cpu || info_.type == DeviceType::integrated; }
 
+  /// s: watchdogs of operating systems end what keeps a GPU for longer than about two. A Submission spreads what takes more.
+  /// Infinite on CPU devices, which nobody watches.
+  double longest_submission() const { return longest_submission_; }
+
   double timestamp_period() const { return limits_.timestampPeriod; }      ///< nanoseconds a tick
   uint32_t timestamp_valid_bits() const { return timestamp_valid_bits_; }  ///< 0: this queue has no timestamps
 
@@ -100,6 +107,7 @@ class Context {
   VkPhysicalDeviceLimits limits_{};
   VkPhysicalDeviceMemoryProperties memory_{};
   VkDeviceSize max_allocation_ = 0;
+  double longest_submission_ = 0;
   mutable std::mutex queue_mutex_;
   std::function<void()> lock_queue_, unlock_queue_;
   PFN_vkSetDebugUtilsObjectNameEXT set_name_ = nullptr;

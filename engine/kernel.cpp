@@ -1,6 +1,7 @@
 #include <iclk/engine/kernel.h>
 
 #include <algorithm>
+#include <cmath>
 #include <future>
 #include <utility>
 
@@ -111,6 +112,8 @@ void Kernel::create(const KernelDescription& description) {
   info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO, nullptr, 0, VK_SHADER_STAGE_COMPUTE_BIT, module, "main",
                 entries.empty() ? nullptr : &specialization};
   info.layout = layout_;
+  // Recorder::dispatch() may have to begin in the middle of a grid.
+  if (std::isfinite(context_->longest_submission())) info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE;
   const VkResult result = vk.CreateComputePipelines(device, context_->pipeline_cache(), 1, &info, nullptr, &pipeline_);
   vk.DestroyShaderModule(device, module, nullptr);
   check(result, "vkCreateComputePipelines", name_);

@@ -25,6 +25,11 @@ Recorder::Recorder(const Context& context, VkCommandBuffer commands, DescriptorA
   if (timer_) timer_->begin(commands_);
 }
 
+Recorder::Recorder(Submission& submission, DescriptorArena& arena, StageTimer* timer)
+    : Recorder(*submission.context(), submission.begin(), arena, timer) {
+  submission_ = &submission;
+}
+
 Recorder::~Recorder() = default;
 
 void Recorder::stage(const char* name) {
@@ -61,6 +66,27 @@ void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buf
   uses_.clear();
   for (size_t i = 0; i < buffers.size(); ++i) uses_.push_back({id(buffers[i]->handle), writes(kernel.bindings()[i])});
   require(Stage::compute, uses_);
+  ++dispatches_;
+  if (!submission_) return dispatch_groups(kernel, set, push, {0, 0, 0}, groups);
+  // Kernels see how many workgroups there are on the inner axes: the outermost one is cut, by which none of them multiplies.
+  uint32_t Groups::*const axis = groups.z > 1 ? &Groups::z : groups.y > 1 ? &Groups::y : &Groups::x;
+  const uint64_t slice = static_cast<uint64_t>(groups.x) * groups.y * groups.z / (groups.*axis);
+  for (Groups first{0, 0, 0}, count = groups; first.*axis < groups.*axis; first.*axis += count.*axis) {
+    uint64_t room = groups_ < submission_->most_groups() ? (submission_->most_groups() - groups_) / slice : 0;
+    if (room == 0 && groups_ > 0) {
+      commands_ = submission_->next();
+      bound_ = VK_NULL_HANDLE;
+      groups_ = 0;
+      room = submission_->most_groups() / slice;
+    }
+    count.*axis = static_cast<uint32_t>(std::clamp<uint64_t>(room, 1, groups.*axis - first.*axis));
+    dispatch_groups(kernel, set, push, first, count);
+    groups_ += slice * (count.*axis);
+  }
+}
+
+void Recorder::dispatch_groups(const Kernel& kernel, VkDescriptorSet set, std::span<const std::byte> push, Groups first,
+                               Groups count) {
   const DeviceFunctions& vk = context_.vk();
   if (bound_ != kernel.pipeline()) {
     vk.CmdBindPipeline(commands_, VK_PIPELINE_BIND_POINT_COMPUTE, kernel.pipeline());
@@ -70,8 +96,10 @@ void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buf
   if (!push.empty())
     vk.CmdPushConstants(commands_, kernel.layout(), VK_SHADER_STAGE_COMPUTE_BIT, 0, static_cast<uint32_t>(push.size()),
                         push.data());
-  vk.CmdDispatch(commands_, groups.x, groups.y, groups.z);
-  ++dispatches_;
+  if (first.x == 0 && first.y == 0 && first.z == 0)
+    vk.CmdDispatch(commands_, count.x, count.y, count.z);
+  else
+    vk.CmdDispatchBase(commands_, first.x, first.y, first.z, count.x, count.y, count.z);
 }
 
 void Recorder::copy(const Buffer& source, const Buffer& destination, std::span<const VkBufferCopy> regions) {

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include <iclk/engine/descriptor_arena.h>
+#include <iclk/engine/submission.h>
 #include <iclk/engine/timing.h>
 
 namespace iclk::engine {
@@ -47,6 +48,9 @@ struct ForeignImage {
 class Recorder {
  public:
   Recorder(const Context& context, VkCommandBuffer commands, DescriptorArena& arena, StageTimer* timer = nullptr);
+  /// Begins `submission` and records into it. What would keep a watched device for too long goes on in its next command buffer,
+  /// within a dispatch too. `submission` must live as long.
+  Recorder(Submission& submission, DescriptorArena& arena, StageTimer* timer = nullptr);
   ~Recorder();  ///< records nothing
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
@@ -95,13 +99,16 @@ class Recorder {
 
   uint32_t barriers() const { return barriers_; }  ///< placed so far
   uint32_t dispatches() const { return dispatches_; }
-  VkCommandBuffer commands() const { return commands_; }
+  VkCommandBuffer commands() const { return commands_; }  ///< those that the next command goes to
 
  private:
   void require(Stage stage, std::span<const Use> uses);
+  void dispatch_groups(const Kernel& kernel, VkDescriptorSet set, std::span<const std::byte> push, Groups first, Groups count);
 
   const Context& context_;
   VkCommandBuffer commands_;
+  Submission* submission_ = nullptr;  // null: the application's command buffer, where it answers for the time
+  uint64_t groups_ = 0;               // in commands_ so far
   DescriptorArena& arena_;
   StageTimer* timer_;
   std::unique_ptr<HazardTracker> hazards_;

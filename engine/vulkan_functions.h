@@ -58,6 +58,7 @@ namespace iclk::engine {
   X(CmdBindDescriptorSets)       \
   X(CmdPushConstants)            \
   X(CmdDispatch)                 \
+  X(CmdDispatchBase)             \
   X(CmdCopyBuffer)               \
   X(CmdFillBuffer)               \
   X(CmdCopyImageToBuffer)        \

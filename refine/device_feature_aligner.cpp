@@ -193,7 +193,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
     const auto widest =
         std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
 
-    engine::Recorder recorder(*aligner_.context(), submission_.begin(), arena_);
+    engine::Recorder recorder(submission_, arena_);
     const DeviceAligner::Maps maps = grey_->record(recorder, slots_, targets_);
     push.fine_stride = maps.fine_stride;
     push.map_stride = maps.map_stride;

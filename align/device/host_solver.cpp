@@ -73,7 +73,7 @@ struct DeviceAligner::Impl::HostRun {
   // Records and runs one evaluation at every enabled pair; `before` records what precedes it.
   template <class Before>
   void evaluate(int level, uint32_t flags, Before&& before) {
-    Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
+    Recorder recorder(m.submission, m.arena, m.timer.get());
     before(recorder);
     m.stages().normal_equations(recorder, level, count(), 0, flags | ICLK_FLAG_GIVEN);
     recorder.host_read({&m.memory[m.ids.parts]});
@@ -91,7 +91,7 @@ struct DeviceAligner::Impl::HostRun {
       m.prepare(recorder, pairs);
     };
     if (m.options.search.enabled) {
-      Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
+      Recorder recorder(m.submission, m.arena, m.timer.get());
       upload(recorder);
       m.stages().search(recorder, count());
       recorder.host_read({&m.run[m.run_ids.pairs]});
@@ -156,7 +156,7 @@ struct DeviceAligner::Impl::HostRun {
   // At the poses where the finest level ended; its weights are still there.
   void evaluate_agreement() {
     for (size_t i = 0; i < pairs.size(); ++i) point(i, true);
-    Recorder recorder(*m.context, m.submission.begin(), m.arena, m.timer.get());
+    Recorder recorder(m.submission, m.arena, m.timer.get());
     m.stages().agreement(recorder, count(), ICLK_FLAG_GIVEN);
     recorder.host_read({&m.memory[m.ids.parts]});
     recorder.finish();
@@ -185,7 +185,7 @@ std::vector<Alignment> DeviceAligner::Impl::align_on_host(std::span<const Pair> 
   HostRun host(*this, pairs);
   host.align();
   if (options.robust != Robust::unit && run_ids.states_read) {  // the scales lie in the states
-    Recorder recorder(*context, submission.begin(), arena);
+    Recorder recorder(submission, arena);
     stages().read_back(recorder, static_cast<uint32_t>(pairs.size()));
     submission.end();
     submission.submit_and_wait();

@@ -288,7 +288,7 @@ void write_buffer(const std::shared_ptr<const engine::Context>& context, const e
   std::memcpy(staging[id].mapped, data.data(), data.size_bytes());
   engine::Submission submission(context);
   engine::DescriptorArena arena(context, {});
-  engine::Recorder recorder(*context, submission.begin(), arena);
+  engine::Recorder recorder(submission, arena);
   recorder.copy(staging[id], buffer, data.size_bytes());
   submission.end();
   submission.submit_and_wait();

@@ -146,7 +146,7 @@ struct TerrainRenderer::Impl {
   void upload_whole() {
     copy_windows(whole_relief, relief, terrain->height, device->staging[device->staging_relief].as<float>());
     copy_windows(whole_mosaic, mosaic, terrain->rgba, device->staging[device->staging_mosaic].as<uint32_t>());
-    engine::Recorder recorder(*context, submission->begin(), *arena);
+    engine::Recorder recorder(*submission, *arena);
     device->record_upload(recorder, whole_relief, whole_mosaic);
     recorder.finish();
     submission->end();
@@ -248,7 +248,7 @@ struct TerrainRenderer::Impl {
     copy_windows(r, relief, terrain->height, device->staging[device->staging_relief].as<float>());
     copy_windows(m, mosaic, terrain->rgba, device->staging[device->staging_mosaic].as<uint32_t>());
     if (r.elements == 0) r.elements = m.elements = 1;  // no ground: empty windows, which stop every ray
-    engine::Recorder recorder(*context, submission->begin(), *arena);
+    engine::Recorder recorder(*submission, *arena);
     device->record_upload(recorder, r, m);
     dispatch(recorder, push(camera, T_WC, tile, finest), frame.memory[frame.rgba], frame.memory[frame.depth]);
     recorder.finish();
@@ -266,7 +266,7 @@ struct TerrainRenderer::Impl {
     }
     const PixelRect all{0, 0, camera.width, camera.height};
     if (!resident) render_tile(camera, T_WC, all, *frame);
-    engine::Recorder recorder(*context, submission->begin(), *arena);
+    engine::Recorder recorder(*submission, *arena);
     const engine::Workspace& m = frame->memory;
     if (resident) dispatch(recorder, push(camera, T_WC, all, 0), m[frame->rgba], m[frame->depth]);
     recorder.copy(m[frame->rgba], m[frame->host_rgba], 4 * pixels);

@@ -8,7 +8,7 @@ namespace iclk::engine {
 /// The Vulkan loader of this machine, opened at run time: programs start, and their CPU solver works, where there is none.
 class Loader {
  public:
-  /// Throws Error(no_driver) when libvulkan.so.1 cannot be opened.
+  /// Throws Error(no_driver) when libvulkan.so.1, or what it is called on this system, cannot be opened.
   Loader();
   PFN_vkGetInstanceProcAddr get_instance_proc_addr() const { return get_; }
 

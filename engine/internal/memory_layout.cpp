@@ -23,7 +23,8 @@ struct Wish {
 std::vector<Wish> wishes(MemoryKind kind, bool unified) {
   switch (kind) {
     case MemoryKind::device:
-      if (unified) return {{local | visible, 0}, {local, 0}};
+      // What the host reads from memory that is not cached it reads slowly.
+      if (unified) return {{local | visible | cached, 0}, {local | visible, 0}, {local, 0}};
       return {{local, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT}, {local, 0}};
     case MemoryKind::upload:
       // The small host-visible window of a discrete GPU's own memory is left to those who need it.

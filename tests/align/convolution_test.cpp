@@ -115,7 +115,7 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, c
   kernels.add_to(size);
   engine::DescriptorArena arena(context, size);
   engine::Submission submission(context);
-  engine::Recorder recorder(*context, submission.begin(), arena);
+  engine::Recorder recorder(submission, arena);
   kernels.record_borders(recorder, step.in, step.reduced ? TensorLayout{} : step.out, memory[in], memory[out]);
   if (step.fused) kernels.record_start(recorder, memory[scratch]);
   const internal::MapPart parts[] = {{&memory[maps[0]], 0, 1, 0}, {&memory[maps[1]], 1, shape.images - 1, 2}};

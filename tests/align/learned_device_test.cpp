@@ -195,7 +195,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   SE3 start;
   for (int level = levels - 1; level >= 0; --level) {
     *run[run_ids.pairs].as<shaders::PairInfo>() = internal::pack_pair(start, nullptr, 0, 0, true, options);
-    engine::Recorder recorder(*context, submission.begin(), arena);
+    engine::Recorder recorder(submission, arena);
     if (level == levels - 1) {
       const internal::Stages::Run all{0, 1};
       stages.maps(recorder, std::span(&all, 1), 1);

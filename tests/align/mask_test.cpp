@@ -17,7 +17,7 @@ std::vector<float> read_back(const engine::Buffer& buffer) {
   engine::Workspace copy(device(), plan);
   engine::DescriptorArena arena(device(), {});
   engine::Submission submission(device());
-  engine::Recorder recorder(*device(), submission.begin(), arena);
+  engine::Recorder recorder(submission, arena);
   recorder.copy(buffer, copy[id], buffer.size);
   recorder.host_read({&copy[id]});
   submission.end();

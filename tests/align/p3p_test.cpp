@@ -53,7 +53,7 @@ std::vector<Solutions> solve_on_device(const std::vector<Triple>& triples) {
                                  .specialization = {64}});
   DescriptorArena arena(device(), {.sets = 1, .storage = 2, .texel = 1, .uniform = 1});
   Submission submission(device());
-  Recorder recorder(*device(), submission.begin(), arena);
+  Recorder recorder(submission, arena);
   recorder.dispatch(kernel, {&memory[in], &memory[out]}, Push{count}, {groups_for(count, 64)});
   recorder.host_read({&memory[out]});
   submission.end();

@@ -83,7 +83,7 @@ class DeviceStages : public testing::TestWithParam<const char*> {
     engine::MemoryPlan plan;
     const auto id = plan.add("read back", buffer.size, engine::MemoryKind::readback, engine::BufferUse::transfer);
     engine::Workspace copy(test::device(), plan);
-    engine::Recorder recorder(*test::device(), submission.begin(), arena);
+    engine::Recorder recorder(submission, arena);
     recorder.copy(buffer, copy[id], buffer.size);
     recorder.host_read({&copy[id]});
     submission.end();

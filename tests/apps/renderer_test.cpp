@@ -304,7 +304,7 @@ TEST(Renderer, RecordsIntoForeignCommands) {
   renderer.add_to(size, 2);
   engine::DescriptorArena arena(test::device(), size);
   engine::Submission submission(test::device());
-  engine::Recorder recorder(*test::device(), submission.begin(), arena);
+  engine::Recorder recorder(submission, arena);
   for (size_t i = 0; i < 2; ++i) renderer.record(recorder, camera, poses[i], memory[ids[2 * i]], memory[ids[2 * i + 1]]);
   for (const engine::BufferId id : ids) recorder.host_read({&memory[id]});
   submission.end();

@@ -33,7 +33,7 @@ Kernel scale_kernel(std::shared_ptr<const Context> context, uint32_t workgroup) 
 void run(std::shared_ptr<const Context> context, const std::function<void(Recorder&)>& record, StageTimer* timer) {
   DescriptorArena arena(context, {.sets = 16, .storage = 64, .texel = 16, .uniform = 4});
   Submission submission(context);
-  Recorder recorder(*context, submission.begin(), arena, timer);
+  Recorder recorder(submission, arena, timer);
   record(recorder);
   submission.end();
   submission.submit_and_wait();

@@ -111,7 +111,7 @@ TEST_F(RecorderTest, ARecordingIsSubmittedAgainAndAgain) {
   DescriptorArena arena(context, {.sets = 1, .storage = 1});
   Submission submission(context);
   run(context, [&](Recorder& recorder) { recorder.copy(memory[upload], memory[a], bytes); });
-  Recorder recorder(*context, submission.begin(), arena);
+  Recorder recorder(submission, arena);
   dispatch(recorder, a);
   recorder.copy(memory[a], memory[readback], bytes);
   recorder.host_read({&memory[readback]});
@@ -131,7 +131,7 @@ TEST_F(RecorderTest, ARecordingIsSubmittedAgainAndAgain) {
 TEST_F(RecorderTest, AnArenaSharesEqualSetsAndSaysWhenItIsFull) {
   DescriptorArena arena(context, {.sets = 1, .storage = 1});
   Submission submission(context);
-  Recorder recorder(*context, submission.begin(), arena);
+  Recorder recorder(submission, arena);
   for (int i = 0; i < 10; ++i) dispatch(recorder, a);
   EXPECT_EQ(arena.used(), 1u);
   try {
@@ -143,7 +143,7 @@ TEST_F(RecorderTest, AnArenaSharesEqualSetsAndSaysWhenItIsFull) {
   submission.end();
   arena.reset();
   EXPECT_EQ(arena.used(), 0u);
-  Recorder again(*context, submission.begin(), arena);
+  Recorder again(submission, arena);
   dispatch(again, b);
   submission.end();
 }
@@ -152,7 +152,7 @@ TEST_F(RecorderTest, StagesAreTimed) {
   StageTimer timer(context, 4);
   DescriptorArena arena(context, {.sets = 1, .storage = 1});
   Submission submission(context);
-  Recorder recorder(*context, submission.begin(), arena, &timer);
+  Recorder recorder(submission, arena, &timer);
   recorder.stage("scale");
   for (int i = 0; i < 5; ++i) dispatch(recorder, a);
   recorder.stage("copy");
@@ -174,7 +174,7 @@ TEST_F(RecorderTest, StagesAreTimed) {
   EXPECT_LT(timer.times()[0].milliseconds, 60e3);
   timer.clear();
   EXPECT_TRUE(timer.times().empty());
-  Recorder again(*context, submission.begin(), arena, &timer);
+  Recorder again(submission, arena, &timer);
   for (int i = 0; i < 4; ++i) again.stage("more");
   again.finish();
   EXPECT_THROW(again.stage("too many"), Error);

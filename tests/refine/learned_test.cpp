@@ -229,7 +229,7 @@ TEST(LearnedRefinementDevice, GreyMapsAreMadeOnceAndOnlyWhereTheAlignersDoNotSer
     engine::DescriptorArena arena(test::device(), size);
     const auto dispatches = [&](const std::vector<int>& slots, const std::vector<DeviceAligner::GreyTarget>& pairs,
                                 bool execute = true) {
-      engine::Recorder recorder(*test::device(), submission.begin(), arena);
+      engine::Recorder recorder(submission, arena);
       grey->record(recorder, slots, pairs);
       recorder.finish();
       submission.end();

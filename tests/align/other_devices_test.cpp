@@ -1,4 +1,5 @@
-// Devices with small texel buffers: the build of the shaders that reads storage buffers gives what the other gives.
+// Other devices, the same answer: with small texel buffers, for which shaders read storage buffers, and with a watchdog, for
+// which work is cut into parts.
 #include <iclk/refine/refiner.h>
 
 #include "random_model.h"
@@ -16,7 +17,7 @@ struct Setting {
 
 void PrintTo(const Setting& setting, std::ostream* out) { *out << setting.name; }
 
-class StorageReads : public testing::TestWithParam<Setting> {
+class OtherDevices : public testing::TestWithParam<Setting> {
  protected:
   void SetUp() override { ICLK_NEED_DEVICE(); }
   static std::shared_ptr<engine::Context> storage_context() {
@@ -24,7 +25,8 @@ class StorageReads : public testing::TestWithParam<Setting> {
     options.storage_reads = true;
     return engine::create_context(options);
   }
-  RefinedAlignment run(const std::shared_ptr<engine::Context>& context, Solver solver) const {
+  /// The last of `times` runs of one aligner.
+  RefinedAlignment run(const std::shared_ptr<engine::Context>& context, Solver solver, int times = 1) const {
     const Setting& setting = GetParam();
     Relief scene = moved_relief();
     const Features features = random_features(scene, 60);
@@ -54,11 +56,13 @@ class StorageReads : public testing::TestWithParam<Setting> {
     Pair pair{0, image1.view(), {}, {}};
     if (setting.masked) pair.target_mask = {mask.data(), image1.width, image1.height, 0, PixelFormat::r8};
     Refiner refiner(*aligner);
-    return refiner.align(pair);
+    RefinedAlignment result;
+    for (int i = 0; i < times; ++i) result = refiner.align(pair);
+    return result;
   }
 };
 
-TEST_P(StorageReads, GiveTheSameAnswer) {
+TEST_P(OtherDevices, ThatReadStorageBuffersGiveTheSameAnswer) {
   const auto context = storage_context();
   const double tolerance = GetParam().precision == Precision::fp16 ? 1e-4 : 1e-5;
   for (const Solver solver : {Solver::host, Solver::device}) {
@@ -72,8 +76,21 @@ TEST_P(StorageReads, GiveTheSameAnswer) {
   }
 }
 
+TEST_P(OtherDevices, ThatAreWatchedGiveTheSameBits) {
+  engine::ContextOptions options = watched_options();
+  options.longest_submission = 0;
+  const auto context = engine::create_context(options);
+  for (const Solver solver : {Solver::host, Solver::device}) {
+    const RefinedAlignment a = run(device(), solver), b = run(context, solver, 4);  // cut smaller each time
+    EXPECT_EQ(a.iclk.T_10.matrix(), b.iclk.T_10.matrix());
+    EXPECT_EQ(a.iclk.covariance, b.iclk.covariance);
+    EXPECT_EQ(a.T_10.matrix(), b.T_10.matrix());
+    EXPECT_EQ(a.aligned, b.aligned);
+  }
+}
+
 INSTANTIATE_TEST_SUITE_P(
-    All, StorageReads,
+    All, OtherDevices,
     testing::Values(Setting{"r8", PixelFormat::r8}, Setting{"bgra8", PixelFormat::bgra8, false, true},
                     Setting{"r32f", PixelFormat::r32f, false, true}, Setting{"masked", PixelFormat::rgba32f, false, true, true},
                     Setting{"dense", PixelFormat::r8, false, false, false, true}, Setting{"learned_r8", PixelFormat::r8, true},
