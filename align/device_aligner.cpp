@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include <iclk/align/device/impl.h>
+#include <iclk/align/device/parts.h>
 #include <iclk/align/device/target_masks.h>
 #include <iclk/align/device/upload.h>
 #include <iclk/align/model/model_check.h>
@@ -283,24 +284,25 @@ const Plan& DeviceAligner::plan() const { return impl_->plan; }
 int DeviceAligner::pairs_per_batch() const { return impl_->batch; }
 const std::shared_ptr<const engine::Context>& DeviceAligner::context() const { return impl_->context; }
 
-DeviceAligner::Maps DeviceAligner::maps() const {
-  const Impl& m = *impl_;
-  const internal::Stages stages = m.stages();
-  return {&m.memory[m.ids.levels],
-          &m.memory[m.ids.references],
-          &stages.map0(0),
-          &stages.map1(0),
-          &m.memory[m.ids.maps0],
-          &m.memory[m.ids.maps1],
-          m.layout.level_stride(0),
-          m.layout.map_stride,
-          &m.memory[m.ids.pixels1],
-          m.layout.pixel_words,
-          internal::shader_format(m.plan.format)};
+namespace internal {
+
+DeviceMaps DeviceParts::maps(const DeviceAligner& aligner) {
+  const DeviceAligner::Impl& m = *aligner.impl_;
+  const Stages stages = m.stages();
+  return {&m.memory[m.ids.levels],  &m.memory[m.ids.references], &stages.map0(0),
+          &stages.map1(0),          &m.memory[m.ids.maps0],      &m.memory[m.ids.maps1],
+          m.layout.level_stride(0), m.layout.map_stride,         &m.memory[m.ids.pixels1],
+          m.layout.pixel_words,     shader_format(m.plan.format)};
 }
 
-const engine::Buffer& DeviceAligner::template_pixels() const { return impl_->memory[impl_->ids.template_a]; }
-const engine::Buffer& DeviceAligner::template_gradients() const { return impl_->memory[impl_->ids.template_b]; }
+const engine::Buffer& DeviceParts::template_pixels(const DeviceAligner& aligner) {
+  return aligner.impl_->memory[aligner.impl_->ids.template_a];
+}
+const engine::Buffer& DeviceParts::template_gradients(const DeviceAligner& aligner) {
+  return aligner.impl_->memory[aligner.impl_->ids.template_b];
+}
+
+}  // namespace internal
 
 void DeviceAligner::enable_timing(bool on) {
   impl_->submission.wait();  // as in set_reference()

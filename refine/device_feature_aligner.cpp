@@ -2,6 +2,7 @@
 #include <cmath>
 #include <string>
 
+#include <iclk/align/device/parts.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
@@ -56,7 +57,7 @@ engine::KernelDescription colours_description(uint32_t pixel_format) {
           {0, 0, pixel_format}};
 }
 
-engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel& colours, const DeviceAligner::GreyMaps& grey) {
+engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel& colours, const internal::GreyMaps& grey) {
   engine::ArenaSize size;
   size.add(kernel, colours ? 2 : 1);  // the aligner's maps, or recoloured ones
   if (colours) size.add(colours, 2);
@@ -98,8 +99,9 @@ class DeviceFeatureAligner final : public FeatureAligner {
         options_(checked(options)),
         recolour_(options.recolour && channels(aligner.plan().format) > 1),
         kernel_(aligner.context(), description()),
-        colours_(recolour_ ? engine::Kernel(aligner.context(), colours_description(aligner.maps().pixel_format))
-                           : engine::Kernel()),
+        colours_(recolour_
+                     ? engine::Kernel(aligner.context(), colours_description(internal::DeviceParts::maps(aligner).pixel_format))
+                     : engine::Kernel()),
         max_features_(static_cast<uint32_t>(std::min<uint64_t>(
             kFeaturesASubmission,
             static_cast<uint64_t>(aligner.pairs_per_batch()) * static_cast<uint64_t>(aligner.plan().max_features)))),
@@ -107,7 +109,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
                             aligner.context()->limits().maxComputeWorkGroupCount[1])),
         ids_(max_tasks_, max_features_, recolour_),
         memory_(aligner.context(), ids_.plan),
-        grey_(aligner.make_grey_maps(recolour_)),
+        grey_(internal::DeviceParts::make_grey_maps(aligner, recolour_)),
         arena_(aligner.context(), arena_size(kernel_, colours_, *grey_)),
         submission_(aligner.context()) {}
 
@@ -194,7 +196,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
         std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
 
     engine::Recorder recorder(submission_, arena_);
-    const DeviceAligner::Maps maps = grey_->record(recorder, slots_, targets_);
+    const internal::DeviceMaps maps = grey_->record(recorder, slots_, targets_);
     push.fine_stride = maps.fine_stride;
     push.map_stride = maps.map_stride;
     push.pixel_stride = maps.pixel_stride;
@@ -246,12 +248,12 @@ class DeviceFeatureAligner final : public FeatureAligner {
   uint32_t max_features_, max_tasks_;
   Buffers ids_;
   engine::Workspace memory_;
-  std::unique_ptr<DeviceAligner::GreyMaps> grey_;
+  std::unique_ptr<internal::GreyMaps> grey_;
   engine::DescriptorArena arena_;
   engine::Submission submission_;
   std::vector<Piece> pieces_;  // waiting in the buffers
   std::vector<int> slots_;     // theirs
-  std::vector<DeviceAligner::GreyTarget> targets_;
+  std::vector<internal::GreyTarget> targets_;
   bool colours_wanted_ = false;
   uint32_t filled_ = 0;  // features of theirs
 };

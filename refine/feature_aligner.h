@@ -59,7 +59,7 @@ std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(const CpuAligner& align
 
 /// shaders/refine/feature_alignment.comp on the grey maps of a DeviceAligner, one submission a call; the same contract, single
 /// precision. `aligner` must outlive it. Memory is allocated here, for the aligner's plan; with a model also that of the grey
-/// maps (DeviceAligner::GreyMaps). Throws Error(unsupported) if it does not fit.
+/// maps (internal::GreyMaps). Throws Error(unsupported) if it does not fit.
 std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner,
                                                             const FeatureAlignmentOptions& options = {});
 

@@ -3,16 +3,17 @@
 
 #include <iclk/align/device/grey_pyramid.h>
 #include <iclk/align/device/impl.h>
+#include <iclk/align/device/parts.h>
 
 namespace iclk {
 namespace {
 
 /// The aligner's own.
-class OwnMaps final : public DeviceAligner::GreyMaps {
+class OwnMaps final : public internal::GreyMaps {
  public:
   explicit OwnMaps(const DeviceAligner& aligner) : aligner_(aligner) {}
-  DeviceAligner::Maps record(engine::Recorder&, std::span<const int>, std::span<const DeviceAligner::GreyTarget>) override {
-    return aligner_.maps();
+  internal::DeviceMaps record(engine::Recorder&, std::span<const int>, std::span<const internal::GreyTarget>) override {
+    return internal::DeviceParts::maps(aligner_);
   }
   void executed() override {}
   void add_to(engine::ArenaSize&) const override {}
@@ -45,7 +46,7 @@ struct Buffers {
 
 /// Made from the aligner's pixels. Behind a model all that feature alignment reads; behind grey maps the targets alone, and
 /// these only while one of them is recoloured.
-class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
+class DeviceAligner::Impl::PixelMaps final : public internal::GreyMaps {
  public:
   PixelMaps(const DeviceAligner& aligner, const Impl& m)
       : aligner_(aligner),
@@ -61,11 +62,12 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
     std::memcpy(memory_[ids_.levels].mapped, layout_.levels.data(), layout_.levels.size() * sizeof(shaders::LevelInfo));
   }
 
-  Maps record(engine::Recorder& recorder, std::span<const int> slots, std::span<const GreyTarget> targets) override {
+  internal::DeviceMaps record(engine::Recorder& recorder, std::span<const int> slots,
+                              std::span<const internal::GreyTarget> targets) override {
     slots_.next = slots_.held;
     pairs_.next = pairs_.held;
-    const auto is_luma = [](const GreyTarget& target) { return target.weights == kLuma; };
-    if (!references_ && std::all_of(targets.begin(), targets.end(), is_luma)) return aligner_.maps();
+    const auto is_luma = [](const internal::GreyTarget& target) { return target.weights == kLuma; };
+    if (!references_ && std::all_of(targets.begin(), targets.end(), is_luma)) return internal::DeviceParts::maps(aligner_);
     std::vector<bool> asked(slots_.next.size());
     for (const int slot : slots) {
       const auto i = static_cast<size_t>(slot);
@@ -74,7 +76,7 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
     }
     record(recorder, slots_, asked, m_.memory[m_.ids.pixels0], memory_[ids_.maps0], false);
     asked.assign(pairs_.next.size(), false);
-    for (const GreyTarget& target : targets) {
+    for (const internal::GreyTarget& target : targets) {
       const auto i = static_cast<size_t>(target.pair);
       pairs_.next[i] = {m_.targets_version, target.weights};
       asked[i] = true;
@@ -105,8 +107,8 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
     std::vector<Source> held, next;
   };
 
-  Maps maps() const {
-    Maps maps = aligner_.maps();
+  internal::DeviceMaps maps() const {
+    internal::DeviceMaps maps = internal::DeviceParts::maps(aligner_);
     const bool in_pixels = layout_.level0_in_pixels;
     if (references_) {
       maps.maps0 = &memory_[ids_.maps0];
@@ -146,10 +148,14 @@ class DeviceAligner::Impl::PixelMaps final : public GreyMaps {
   Images slots_, pairs_;
 };
 
-std::unique_ptr<DeviceAligner::GreyMaps> DeviceAligner::make_grey_maps(bool recolour) const {
-  if (impl_->layout.learned || (recolour && channels(impl_->plan.format) > 1))
-    return std::make_unique<Impl::PixelMaps>(*this, *impl_);
-  return std::make_unique<OwnMaps>(*this);
+namespace internal {
+
+std::unique_ptr<GreyMaps> DeviceParts::make_grey_maps(const DeviceAligner& aligner, bool recolour) {
+  const DeviceAligner::Impl& m = *aligner.impl_;
+  if (m.layout.learned || (recolour && channels(m.plan.format) > 1))
+    return std::make_unique<DeviceAligner::Impl::PixelMaps>(aligner, m);
+  return std::make_unique<OwnMaps>(aligner);
 }
 
+}  // namespace internal
 }  // namespace iclk

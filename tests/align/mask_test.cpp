@@ -2,6 +2,7 @@
 // patches, and work that grows with their number squared would take minutes.
 #include <cstring>
 
+#include <iclk/align/device/parts.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/solver/mask.h>
 #include <iclk/engine/submission.h>
@@ -41,7 +42,7 @@ size_t wrong_elements(const Camera& camera, const Features& features, const Alig
   const auto checks = aligner.set_reference(0, {frame.view(), camera, features, {}});
   (void)aligner.align(Pair{0, frame.view(), {}, {}});
 
-  const std::vector<float> a = read_back(aligner.template_pixels());
+  const std::vector<float> a = read_back(internal::DeviceParts::template_pixels(aligner));
   const internal::Layout layout(plan, options);
   size_t wrong = 0;
   for (int level = 0; level < options.levels; ++level) {

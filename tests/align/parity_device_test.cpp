@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include <iclk/align/cpu_aligner.h>
+#include <iclk/align/device/parts.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/align/solver/jacobian.h>
@@ -109,7 +110,7 @@ TEST_P(DeviceStages, AgreeWithGolden) {
   DeviceAligner aligner(context, plan, options, Solver::device);
   aligner.set_reference(0, {golden.view(rgb0), camera, features, {}});
   (void)aligner.align(Pair{0, golden.view(rgb1), {}, {}});
-  const auto maps = aligner.maps();
+  const auto maps = internal::DeviceParts::maps(aligner);
   engine::DescriptorArena arena(context, {});
   engine::Submission submission(context);
   engine::Workspace none;
@@ -125,8 +126,8 @@ TEST_P(DeviceStages, AgreeWithGolden) {
       }
   }
 
-  const auto a = read(none, submission, arena, aligner.template_pixels()),
-             b = read(none, submission, arena, aligner.template_gradients());
+  const auto a = read(none, submission, arena, internal::DeviceParts::template_pixels(aligner)),
+             b = read(none, submission, arena, internal::DeviceParts::template_gradients(aligner));
   const auto checks = check_features(features, camera);
   for (int level = 0; level < 4; ++level) {
     const auto& info = layout.levels[static_cast<size_t>(level)];

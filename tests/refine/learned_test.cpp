@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 #include <iclk/align/cpu_aligner.h>
+#include <iclk/align/device/parts.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/refiner.h>
@@ -223,11 +224,11 @@ TEST(LearnedRefinementDevice, GreyMapsAreMadeOnceAndOnlyWhereTheAlignersDoNotSer
   for (const int slot : {0, 1, 2}) both.set_reference(slot, scene);
   engine::Submission submission(test::device());
   for (const bool learned : {false, true}) {
-    const auto grey = dynamic_cast<DeviceAligner&>(*both.aligners[learned]).make_grey_maps();
+    const auto grey = internal::DeviceParts::make_grey_maps(dynamic_cast<DeviceAligner&>(*both.aligners[learned]));
     engine::ArenaSize size;
     grey->add_to(size);
     engine::DescriptorArena arena(test::device(), size);
-    const auto dispatches = [&](const std::vector<int>& slots, const std::vector<DeviceAligner::GreyTarget>& pairs,
+    const auto dispatches = [&](const std::vector<int>& slots, const std::vector<internal::GreyTarget>& pairs,
                                 bool execute = true) {
       engine::Recorder recorder(submission, arena);
       grey->record(recorder, slots, pairs);
@@ -256,7 +257,7 @@ TEST(LearnedRefinementDevice, GreyMapsAreMadeOnceAndOnlyWhereTheAlignersDoNotSer
   }
   for (const bool learned : {false, true}) {
     engine::ArenaSize size;
-    dynamic_cast<DeviceAligner&>(*both.aligners[learned]).make_grey_maps(false)->add_to(size);
+    internal::DeviceParts::make_grey_maps(dynamic_cast<DeviceAligner&>(*both.aligners[learned]), false)->add_to(size);
     EXPECT_EQ(size.sets > 0, learned);
   }
 }
