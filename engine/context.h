@@ -41,10 +41,6 @@ struct HostDevice {
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;  ///< null: the context makes its own
 };
 
-/// Elements of a texel buffer with which images of a few megapixels can be read through one. Vulkan promises 65,536; desktop
-/// GPUs have 2^26 and more.
-inline constexpr uint32_t kLeastTexels = 1u << 24;
-
 /// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions hold a shared_ptr to it, so the order
 /// in which they are destroyed does not matter. Nothing is shared between contexts.
 class Context {

@@ -35,7 +35,8 @@ std::string unmet(const DeviceRequirements& needed, const DeviceCapabilities& de
   if (lacks_feature(needed.features, device.features)) add("a core feature is missing");
   if (choose_queue_family(device.queue_families, needed.queue_flags) < 0) add("no queue family with compute");
   at_least("maxPerStageDescriptorStorageBuffers", device.limits.maxPerStageDescriptorStorageBuffers,
-           needed.max_storage_buffers);
+           device.limits.maxTexelBufferElements < kLeastTexels ? needed.max_storage_buffers_without_texels
+                                                               : needed.max_storage_buffers);
   at_least("maxPushConstantsSize", device.limits.maxPushConstantsSize, needed.max_push_constants_size);
   at_least("maxComputeWorkGroupInvocations", device.limits.maxComputeWorkGroupInvocations, needed.max_workgroup_invocations);
   at_least("maxComputeSharedMemorySize", device.limits.maxComputeSharedMemorySize, needed.max_shared_memory);

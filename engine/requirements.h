@@ -7,6 +7,10 @@
 
 namespace iclk::engine {
 
+/// Elements of a texel buffer with which images of a few megapixels can be read through one. Vulkan promises 65,536; desktop
+/// GPUs have 2^26 and more.
+inline constexpr uint32_t kLeastTexels = 1u << 24;
+
 /// What a device must bring, as data: an application that creates the device itself reads it before it does.
 struct DeviceRequirements {
   uint32_t api_version = VK_API_VERSION_1_1;        ///< of the device, and VkApplicationInfo::apiVersion of the instance
@@ -15,7 +19,9 @@ struct DeviceRequirements {
   VkPhysicalDeviceFeatures features{};              ///< to enable: none
   VkQueueFlags queue_flags = VK_QUEUE_COMPUTE_BIT;  ///< of the queue's family; transfers are implied by compute
   // Limits, at least:
-  uint32_t max_storage_buffers = 8;        ///< bound in one kernel
+  uint32_t max_storage_buffers = 8;  ///< bound in one kernel
+  /// The same where maxTexelBufferElements is below kLeastTexels, and storage buffers take the place of texel buffers.
+  uint32_t max_storage_buffers_without_texels = 11;
   uint32_t max_push_constants_size = 128;  ///< bytes
   uint32_t max_workgroup_invocations = 128;
   uint32_t max_shared_memory = 16384;  ///< bytes of a workgroup

@@ -9,6 +9,7 @@ DeviceCapabilities good() {
   DeviceCapabilities device;
   device.api_version = VK_MAKE_API_VERSION(0, 1, 3, 230);
   device.limits.maxPerStageDescriptorStorageBuffers = 32;
+  device.limits.maxTexelBufferElements = 1u << 26;
   device.limits.maxPushConstantsSize = 128;
   device.limits.maxComputeWorkGroupInvocations = 1024;
   device.limits.maxComputeSharedMemorySize = 32768;
@@ -28,6 +29,10 @@ TEST(Requirements, EachShortcomingIsNamedWithItsNumbers) {
   device = good();
   device.limits.maxPerStageDescriptorStorageBuffers = 4;
   EXPECT_EQ(unmet(requirements(), device), "maxPerStageDescriptorStorageBuffers 4, needs 8");
+  device.limits.maxPerStageDescriptorStorageBuffers = 8;
+  EXPECT_EQ(unmet(requirements(), device), "");
+  device.limits.maxTexelBufferElements = 65536;
+  EXPECT_EQ(unmet(requirements(), device), "maxPerStageDescriptorStorageBuffers 8, needs 11");
 }
 
 TEST(Requirements, ExtensionsAndFeaturesOfADeviceAreCompared) {

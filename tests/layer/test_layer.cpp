@@ -20,7 +20,6 @@ LayerControl& open() {
   // Where there is a VK_LAYER_PATH, VK_ADD_LAYER_PATH is not read.
   prepend(std::getenv("VK_LAYER_PATH") ? "VK_LAYER_PATH" : "VK_ADD_LAYER_PATH", ICLK_TEST_LAYER_MANIFESTS);
   prepend("VK_INSTANCE_LAYERS", "VK_LAYER_ICLK_test");
-  setenv("NODEVICE_SELECT", "1", 1);  // Mesa's own layer, which believes a count that a failed call did not write
   return *reinterpret_cast<GetLayerControl>(get)();
 }
 
