@@ -4,6 +4,7 @@
 #include <limits>
 
 #include <iclk/engine/internal/instance.h>
+#include <iclk/engine/internal/memory_layout.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {
@@ -46,6 +47,8 @@ struct ContextBuilder {
     if (c.storage_reads_) c.limits_.maxTexelBufferElements = std::numeric_limits<uint32_t>::max();
     c.timestamp_valid_bits_ = capabilities.queue_families[c.queue_family_].timestampValidBits;
     vk.GetPhysicalDeviceMemoryProperties(c.physical_device_, &c.memory_);
+    const bool beside_the_cpu = c.info_.type == DeviceType::cpu || c.info_.type == DeviceType::integrated;
+    c.unified_memory_ = beside_the_cpu && has_shared_type(c.memory_);
     VkPhysicalDeviceMaintenance3Properties maintenance{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_3_PROPERTIES};
     VkPhysicalDeviceProperties2 properties{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, &maintenance};
     vk.GetPhysicalDeviceProperties2(c.physical_device_, &properties);

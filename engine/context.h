@@ -66,8 +66,8 @@ class Context {
   /// Texel buffers of this device end below kLeastTexels: BindingKind::texel_read is storage_read here, buffers have no texel
   /// views, and limits().maxTexelBufferElements says that nothing ends there.
   bool storage_reads() const { return storage_reads_; }
-  /// CPU or integrated: device memory is host memory, and buffers of MemoryKind::device are mapped where possible.
-  bool unified_memory() const { return info_.type == DeviceType::cpu || info_.type == DeviceType::integrated; }
+  /// CPU or integrated, with memory that is both the device's and the host's: buffers of MemoryKind::device are mapped.
+  bool unified_memory() const { return unified_memory_; }
 
   /// s: watchdogs of operating systems end what keeps a GPU for longer than about two. A Submission spreads what takes more.
   /// Infinite on CPU devices, which nobody watches.
@@ -98,7 +98,8 @@ class Context {
   VkQueue queue_ = VK_NULL_HANDLE;
   uint32_t queue_family_ = 0, timestamp_valid_bits_ = 0;
   VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
-  bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false, storage_reads_ = false;
+  bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false, storage_reads_ = false,
+       unified_memory_ = false;
   DeviceInfo info_;
   VkPhysicalDeviceLimits limits_{};
   VkPhysicalDeviceMemoryProperties memory_{};

@@ -1,6 +1,7 @@
 #include <iclk/align/device/layout.h>
 
 #include <algorithm>
+#include <bit>
 #include <string>
 
 #include <iclk/align/search/matching.h>
@@ -78,11 +79,12 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
   return static_cast<int>(std::min<uint64_t>(pairs, static_cast<uint64_t>(plan.max_pairs)));
 }
 
-WorkgroupSizes::WorkgroupSizes(engine::DeviceType type, const AlignerOptions& options) {
-  const bool cpu = type == engine::DeviceType::cpu;
-  iterate = cpu ? 8 : 256;
+WorkgroupSizes::WorkgroupSizes(const engine::DeviceInfo& device, const AlignerOptions& options) {
+  const bool cpu = device.type == engine::DeviceType::cpu;
+  const uint32_t largest = std::min(256u, std::bit_floor(device.max_workgroup_invocations));
+  iterate = cpu ? 8 : largest;
   map = 64;
-  weights = 256;
+  weights = largest;
   group_elements = cpu ? 768 : 1024;  // whole patches
   // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): an evaluation of n elements is
   // n / 8 * 5 / 4 rounds, and the weights of a level are as many as 11 evaluations.

@@ -44,9 +44,10 @@ BlockLattice lattice(const shaders::LevelInfo& level);
 /// Throws Error(unsupported) with the numbers if not even one fits.
 int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDeviceLimits& limits);
 
-/// Invocations a workgroup by what the device is: a CPU runs one SIMD vector at a time and pays for every masked lane.
+/// Invocations a workgroup by what the device is: a CPU runs one SIMD vector at a time and pays for every masked lane. Powers
+/// of two, and never more than the device has.
 struct WorkgroupSizes {
-  WorkgroupSizes(engine::DeviceType type, const AlignerOptions& options);
+  WorkgroupSizes(const engine::DeviceInfo& device, const AlignerOptions& options);
   uint32_t iterate;         // sums with a reduction
   uint32_t map;             // one invocation a pixel, block or element
   uint32_t weights;         // one workgroup a pair

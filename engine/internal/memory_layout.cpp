@@ -57,6 +57,11 @@ MemoryBytes MemoryLayout::bytes() const {
   return sum;
 }
 
+bool has_shared_type(const VkPhysicalDeviceMemoryProperties& memory) {
+  const int type = choose_memory_type(MemoryKind::device, ~0u, memory, true);
+  return type >= 0 && (memory.memoryTypes[type].propertyFlags & visible) == visible;
+}
+
 int choose_memory_type(MemoryKind kind, uint32_t allowed, const VkPhysicalDeviceMemoryProperties& memory, bool unified) {
   for (const Wish& wish : wishes(kind, unified))
     for (uint32_t i = 0; i < memory.memoryTypeCount; ++i) {

@@ -29,6 +29,9 @@ struct MemoryLayout {
 MemoryLayout place_buffers(const std::vector<BufferDescription>& buffers, const std::vector<VkMemoryRequirements>& needs,
                            const VkPhysicalDeviceMemoryProperties& memory, bool unified, VkDeviceSize max_allocation);
 
+/// Whether memory of some type is the device's and mapped by the host.
+bool has_shared_type(const VkPhysicalDeviceMemoryProperties& memory);
+
 /// The best memory type of `allowed` (a bit a type) for a kind; -1: none.
 int choose_memory_type(MemoryKind kind, uint32_t allowed, const VkPhysicalDeviceMemoryProperties& memory, bool unified);
 

@@ -1,7 +1,8 @@
 // A Vulkan layer that makes the device below look like another: ICLK_TEST_DEVICE names a profile. It stands below the
 // validation layer, which then holds iclk to the limits that are shown here. What that layer has no eye for is an abort:
 //   - memory that is mapped must be host-visible and coherent, since iclk neither flushes nor invalidates;
-//   - VK_KHR_portability_subset must be enabled where it is offered.
+//   - VK_KHR_portability_subset must be enabled where it is offered;
+//   - workgroups must not have more invocations than the device.
 // Buffers get the profile's alignment and a size to match, so that places that were computed wrongly overlap.
 #include <algorithm>
 #include <cstdio>
@@ -261,6 +262,21 @@ VKAPI_ATTR VkResult VKAPI_CALL map_memory(VkDevice device, VkDeviceMemory memory
   return below->function<PFN_vkMapMemory>("vkMapMemory")(device, memory, offset, size, flags, data);
 }
 
+/// All kernels of iclk have their local size in x as specialisation constant 0; the validation layer of Debian 12 does not
+/// look.
+VKAPI_ATTR VkResult VKAPI_CALL create_pipelines(VkDevice device, VkPipelineCache cache, uint32_t count,
+                                                const VkComputePipelineCreateInfo* infos,
+                                                const VkAllocationCallbacks* allocator, VkPipeline* pipelines) {
+  for (uint32_t i = 0; i < count; ++i) {
+    const VkSpecializationInfo* constants = infos[i].stage.pSpecializationInfo;
+    uint32_t size = 0;
+    if (constants && constants->dataSize >= sizeof size) std::memcpy(&size, constants->pData, sizeof size);
+    if (size > shown().invocations) misuse("a workgroup of more invocations than the device has");
+  }
+  return devices().of(device)->function<PFN_vkCreateComputePipelines>("vkCreateComputePipelines")(device, cache, count, infos,
+                                                                                                  allocator, pipelines);
+}
+
 struct Hook {
   const char* name;
   PFN_vkVoidFunction function;
@@ -288,6 +304,7 @@ PFN_vkVoidFunction hook(const char* name, bool of_device) {
       HOOK("vkGetBufferMemoryRequirements2KHR", get_requirements2, true),
       HOOK("vkAllocateMemory", allocate, true),
       HOOK("vkMapMemory", map_memory, true),
+      HOOK("vkCreateComputePipelines", create_pipelines, true),
   };
 #undef HOOK
   for (const Hook& each : hooks)
