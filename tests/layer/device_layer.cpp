@@ -10,6 +10,8 @@
 #include <cstring>
 #include <map>
 #include <mutex>
+#include <type_traits>
+#include <vector>
 
 #include <vulkan/vk_layer.h>
 
@@ -36,13 +38,16 @@ const Profile& shown() {
   return chosen;
 }
 
+/// Functions below are asked for once, when the instance is made: later the loader answers with those on top, which lead back.
 struct FakedInstance {
   VkInstance handle = VK_NULL_HANDLE;
   PFN_vkGetInstanceProcAddr get = nullptr;
-  template <class Function>
-  Function function(const char* name) const {
-    return reinterpret_cast<Function>(get(handle, name));
-  }
+  PFN_vkDestroyInstance destroy = nullptr;
+  PFN_vkGetPhysicalDeviceProperties properties = nullptr;
+  PFN_vkGetPhysicalDeviceProperties2 properties2 = nullptr;
+  PFN_vkGetPhysicalDeviceQueueFamilyProperties queues = nullptr;
+  PFN_vkEnumerateDeviceExtensionProperties extensions = nullptr;
+  PFN_vkCreateDevice create_device = nullptr;
 };
 
 struct FakedDevice {
@@ -95,14 +100,13 @@ void fake(VkPhysicalDeviceProperties& p) {
 }
 
 VKAPI_ATTR void VKAPI_CALL get_properties(VkPhysicalDevice physical, VkPhysicalDeviceProperties* properties) {
-  instances().of(physical)->function<PFN_vkGetPhysicalDeviceProperties>("vkGetPhysicalDeviceProperties")(physical, properties);
+  instances().of(physical)->properties(physical, properties);
   fake(*properties);
 }
 
 VKAPI_ATTR void VKAPI_CALL get_properties2(VkPhysicalDevice physical, VkPhysicalDeviceProperties2* properties) {
   const Profile& s = shown();
-  instances().of(physical)->function<PFN_vkGetPhysicalDeviceProperties2>("vkGetPhysicalDeviceProperties2")(physical,
-                                                                                                           properties);
+  instances().of(physical)->properties2(physical, properties);
   fake(properties->properties);
   for (auto* next = static_cast<VkBaseOutStructure*>(properties->pNext); next; next = next->pNext) {
     if (next->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SUBGROUP_PROPERTIES) {
@@ -131,15 +135,13 @@ VKAPI_ATTR void VKAPI_CALL get_memory2(VkPhysicalDevice physical, VkPhysicalDevi
 }
 
 VKAPI_ATTR void VKAPI_CALL get_queues(VkPhysicalDevice physical, uint32_t* count, VkQueueFamilyProperties* families) {
-  instances().of(physical)->function<PFN_vkGetPhysicalDeviceQueueFamilyProperties>("vkGetPhysicalDeviceQueueFamilyProperties")(
-      physical, count, families);
+  instances().of(physical)->queues(physical, count, families);
   for (uint32_t i = 0; families && !shown().timestamps && i < *count; ++i) families[i].timestampValidBits = 0;
 }
 
 VKAPI_ATTR VkResult VKAPI_CALL list_extensions(VkPhysicalDevice physical, const char* of_layer, uint32_t* count,
                                                VkExtensionProperties* out) {
-  const auto below =
-      instances().of(physical)->function<PFN_vkEnumerateDeviceExtensionProperties>("vkEnumerateDeviceExtensionProperties");
+  const auto below = instances().of(physical)->extensions;
   if (of_layer || !shown().portability_subset) return below(physical, of_layer, count, out);
   uint32_t there = 0;
   if (const VkResult result = below(physical, nullptr, &there, nullptr); result != VK_SUCCESS) return result;
@@ -178,12 +180,21 @@ VKAPI_ATTR VkResult VKAPI_CALL create_instance(const VkInstanceCreateInfo* info,
   const auto below = instances().add(*instance);
   below->handle = *instance;
   below->get = get;
+  const auto load = [&](auto& function, const char* name) {
+    function = reinterpret_cast<std::remove_reference_t<decltype(function)>>(get(*instance, name));
+  };
+  load(below->destroy, "vkDestroyInstance");
+  load(below->properties, "vkGetPhysicalDeviceProperties");
+  load(below->properties2, "vkGetPhysicalDeviceProperties2");
+  load(below->queues, "vkGetPhysicalDeviceQueueFamilyProperties");
+  load(below->extensions, "vkEnumerateDeviceExtensionProperties");
+  load(below->create_device, "vkCreateDevice");
   return result;
 }
 
 VKAPI_ATTR void VKAPI_CALL destroy_instance(VkInstance instance, const VkAllocationCallbacks* allocator) {
   if (!instance) return;
-  const auto destroy = instances().of(instance)->function<PFN_vkDestroyInstance>("vkDestroyInstance");
+  const auto destroy = instances().of(instance)->destroy;
   instances().remove(instance);
   destroy(instance, allocator);
 }
@@ -192,7 +203,6 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical, const Vk
                                              const VkAllocationCallbacks* allocator, VkDevice* device) {
   auto* link = link_of<VkLayerDeviceCreateInfo>(info->pNext, VK_STRUCTURE_TYPE_LOADER_DEVICE_CREATE_INFO);
   if (!link) return VK_ERROR_INITIALIZATION_FAILED;
-  const PFN_vkGetInstanceProcAddr get_instance = link->u.pLayerInfo->pfnNextGetInstanceProcAddr;
   const PFN_vkGetDeviceProcAddr get = link->u.pLayerInfo->pfnNextGetDeviceProcAddr;
   link->u.pLayerInfo = link->u.pLayerInfo->pNext;
   VkDeviceCreateInfo below_info = *info;
@@ -202,8 +212,7 @@ VKAPI_ATTR VkResult VKAPI_CALL create_device(VkPhysicalDevice physical, const Vk
   if (shown().portability_subset && erased == 0) misuse("VK_KHR_portability_subset is offered and was not enabled");
   below_info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
   below_info.ppEnabledExtensionNames = extensions.data();
-  const auto create = reinterpret_cast<PFN_vkCreateDevice>(get_instance(instances().of(physical)->handle, "vkCreateDevice"));
-  const VkResult result = create(physical, &below_info, allocator, device);
+  const VkResult result = instances().of(physical)->create_device(physical, &below_info, allocator, device);
   if (result != VK_SUCCESS) return result;
   const auto below = devices().add(*device);
   below->handle = *device;
