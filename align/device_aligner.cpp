@@ -46,14 +46,14 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       options(options_),
       solver(solver_),
       layout(plan, options, model.get(), context->storage_reads()),
-      sizes(context->info(), options),
+      sizes(context->info(), options, plan.max_pairs),
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
       network(*context, model, layout, plan, options, batch, tuning, ids.plan),
       matching(plan, options, layout, sizes, batch, ids.plan),
       memory(context, ids.plan),
-      run_ids(layout, options, context->unified_memory(), batch),
+      run_ids(layout, options, solver, context->unified_memory(), batch),
       run(context, run_ids.plan),
       arena(context, (network.load(context, memory, sizes.iterate), matching.load(context), arena_size())),
       submission(context),
@@ -83,12 +83,12 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
                                                   const std::shared_ptr<const Model>& model, const Tuning& tuning) {
   checked(plan, options, solver, model.get());
   const internal::Layout layout(plan, options, model.get(), context.storage_reads());
-  const internal::WorkgroupSizes sizes(context.info(), options);
+  const internal::WorkgroupSizes sizes(context.info(), options, plan.max_pairs);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
   const internal::DeviceNetwork network(context, model, layout, plan, options, batch, tuning, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, batch, ids.plan);
-  const internal::RunBuffers run_ids(layout, options, context.unified_memory(), batch);
+  const internal::RunBuffers run_ids(layout, options, solver, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);
   bytes.device += run.device;
@@ -159,6 +159,7 @@ std::vector<internal::Stages::Run> DeviceAligner::Impl::upload_dirty(Recorder& r
     for (; last < slots.size() && slots[last].dirty; ++last) slots[last].recorded = true;
     const uint64_t count = last - first, image = 4ull * layout.pixel_words;
     recorder.stage("upload");
+    upload_tables(recorder, static_cast<uint32_t>(first), static_cast<uint32_t>(count));
     if (ids.staging0) {
       const VkBufferCopy region{image * first, image * first, image * count};
       recorder.copy(memory[*ids.staging0], memory[ids.pixels0], std::span(&region, 1));
@@ -174,6 +175,18 @@ std::vector<internal::Stages::Run> DeviceAligner::Impl::upload_dirty(Recorder& r
     first = last;
   }
   return runs;
+}
+
+void DeviceAligner::Impl::upload_tables(Recorder& recorder, uint32_t first, uint32_t count) const {
+  const auto upload = [&](engine::BufferId id, uint64_t bytes_a_slot) {
+    recorder.upload(memory[id], bytes_a_slot * first, bytes_a_slot * count);
+  };
+  recorder.upload(memory[ids.levels], 0, layout.levels.size() * sizeof(shaders::LevelInfo));
+  upload(ids.references, sizeof(shaders::ReferenceInfo));
+  upload(ids.features, sizeof(shaders::FeatureInfo) * static_cast<uint64_t>(plan.max_features));
+  if (plan.dense) return;
+  upload(ids.tiles, sizeof(shaders::MaskTile) * static_cast<uint64_t>(layout.tile_stride));
+  upload(ids.entries, sizeof(uint32_t) * static_cast<uint64_t>(layout.entry_stride));
 }
 
 void DeviceAligner::Impl::recorded_will_execute() {
@@ -239,7 +252,7 @@ template <class AnyPair>
 void DeviceAligner::Impl::pack(const AnyPair& pair, uint32_t index, const internal::RunBuffers& to_ids,
                                const engine::Workspace& to) const {
   const Slot& slot = slots[static_cast<size_t>(pair.reference)];
-  auto& info = to[to_ids.pairs].as<shaders::PairInfo>()[index];
+  auto& info = to[to_ids.given.value_or(to_ids.pairs)].as<shaders::PairInfo>()[index];
   info = internal::pack_pair(pair.T_10, pair.prior ? &*pair.prior : nullptr, pair.reference, index, slot.enough, options);
   info.search = pair.search;
   if (options.search.enabled) internal::pack_starts(info, index, pair.T_10, slot.camera, options, to_ids, to);

@@ -10,6 +10,7 @@ foreach(room engine align refine)
   install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/${room})
 endforeach()
 install(FILES shaders/shared.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders)
+install(FILES shaders/refine/refine.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders/refine)
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 install(EXPORT iclk NAMESPACE iclk:: FILE iclkTargets.cmake DESTINATION ${ICLK_PACKAGE_DIR})

@@ -1,6 +1,6 @@
 #include <iclk/engine/context.h>
 
-#include <algorithm>
+#include <cstring>
 #include <limits>
 
 #include <iclk/engine/internal/instance.h>
@@ -9,9 +9,6 @@
 
 namespace iclk::engine {
 namespace {
-
-/// Its macro is in vulkan_beta.h.
-constexpr const char* kPortabilitySubset = "VK_KHR_portability_subset";
 
 /// A quarter of what Windows allows, which is the least.
 constexpr double kLongestSubmission = 0.5;
@@ -31,6 +28,23 @@ class HostLock {
  private:
   const std::function<void()>& unlock_;
 };
+
+/// Whether these bytes begin with the header of a cache that this driver made for this device: drivers differ in what they make
+/// of others'.
+bool is_cache_of(const Context& context, const std::vector<uint8_t>& bytes) {
+  VkPhysicalDeviceProperties device;
+  context.instance_functions().GetPhysicalDeviceProperties(context.physical_device(), &device);
+  struct {
+    uint32_t size, version, vendor, device;
+    uint8_t uuid[VK_UUID_SIZE];
+  } header;
+  static_assert(sizeof(header) == 32);
+  if (bytes.size() < sizeof(header)) return false;
+  std::memcpy(&header, bytes.data(), sizeof(header));
+  return header.size == sizeof(header) && header.version == VK_PIPELINE_CACHE_HEADER_VERSION_ONE &&
+         header.vendor == device.vendorID && header.device == device.deviceID &&
+         std::memcmp(header.uuid, device.pipelineCacheUUID, VK_UUID_SIZE) == 0;
+}
 
 }  // namespace
 
@@ -55,8 +69,12 @@ struct ContextBuilder {
     c.max_allocation_ = maintenance.maxMemoryAllocationSize;
   }
 
-  static void make_pipeline_cache(Context& c) {
-    const VkPipelineCacheCreateInfo info{VK_STRUCTURE_TYPE_PIPELINE_CACHE_CREATE_INFO, nullptr, 0, 0, nullptr};
+  static void make_pipeline_cache(Context& c, const std::vector<uint8_t>& kept) {
+    VkPipelineCacheCreateInfo info{VK_STRUCTURE_TYPE_PIPELINE_CACHE_CREATE_INFO};
+    if (is_cache_of(c, kept)) {
+      info.initialDataSize = kept.size();
+      info.pInitialData = kept.data();
+    }
     check(c.vk_.CreatePipelineCache(c.device_, &info, nullptr, &c.pipeline_cache_), "vkCreatePipelineCache");
     c.owns_pipeline_cache_ = true;
   }
@@ -92,11 +110,9 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   queue.queueFamilyIndex = c.queue_family_;
   queue.queueCount = 1;
   queue.pQueuePriorities = &priority;
+  const std::vector<std::string> enabled = extensions_to_enable(needed, capabilities[choice.index]);
   std::vector<const char*> extensions;
-  for (const std::string& extension : needed.device_extensions) extensions.push_back(extension.c_str());
-  // The specification asks for it where it is offered.
-  const std::vector<std::string>& offered = capabilities[choice.index].device_extensions;
-  if (std::find(offered.begin(), offered.end(), kPortabilitySubset) != offered.end()) extensions.push_back(kPortabilitySubset);
+  for (const std::string& extension : enabled) extensions.push_back(extension.c_str());
   VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO};
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
@@ -119,7 +135,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   describe(c, capabilities[choice.index], options.storage_reads);
   if (options.longest_submission) c.longest_submission_ = *options.longest_submission;
   if (!options.subgroups) c.info_.subgroup_operations = 0;
-  make_pipeline_cache(c);
+  make_pipeline_cache(c, options.pipeline_cache);
   if (instance->validation())
     c.set_name_ = reinterpret_cast<PFN_vkSetDebugUtilsObjectNameEXT>(
         instance->get_instance_proc_addr()(c.instance_, "vkSetDebugUtilsObjectNameEXT"));
@@ -162,8 +178,21 @@ std::shared_ptr<Context> ContextBuilder::adopt(const HostDevice& host) {
   c.lock_queue_ = host.lock_queue;
   c.unlock_queue_ = host.unlock_queue;
   c.pipeline_cache_ = host.pipeline_cache;
-  if (!c.pipeline_cache_) make_pipeline_cache(c);
+  if (!c.pipeline_cache_) make_pipeline_cache(c, {});
   return context;
+}
+
+std::vector<uint8_t> Context::pipeline_cache_data() const {
+  for (;;) {
+    size_t bytes = 0;
+    check(vk_.GetPipelineCacheData(device_, pipeline_cache_, &bytes, nullptr), "vkGetPipelineCacheData");
+    std::vector<uint8_t> data(bytes);
+    const VkResult result = vk_.GetPipelineCacheData(device_, pipeline_cache_, &bytes, data.data());
+    if (result == VK_INCOMPLETE) continue;  // another thread has made a pipeline in between
+    check(result, "vkGetPipelineCacheData");
+    data.resize(bytes);
+    return data;
+  }
 }
 
 Context::~Context() {

@@ -23,6 +23,9 @@ struct ContextOptions {
   bool storage_reads = false;  ///< read storage buffers in place of texel buffers, though these are large enough
   /// s: the most that one submission may take (Context::longest_submission()).
   std::optional<double> longest_submission;
+  /// Context::pipeline_cache_data() of an earlier run, so that pipelines need not be compiled again. Of another device or
+  /// driver, or no cache at all: ignored. The driver reads it: take it from where you put it and nobody else writes.
+  std::vector<uint8_t> pipeline_cache;
   bool subgroups = true;  ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
 };
 
@@ -57,6 +60,9 @@ class Context {
   VkQueue queue() const { return queue_; }
   uint32_t queue_family() const { return queue_family_; }
   VkPipelineCache pipeline_cache() const { return pipeline_cache_; }
+  /// What the pipeline cache holds now, for ContextOptions::pipeline_cache of a later run. Empty where the driver keeps
+  /// nothing.
+  std::vector<uint8_t> pipeline_cache_data() const;
   bool owns_device() const { return owns_device_; }
 
   const DeviceInfo& info() const { return info_; }

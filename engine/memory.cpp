@@ -72,8 +72,23 @@ VkMemoryRequirements requirements_of(const Context& context, VkBuffer buffer) {
   return needs;
 }
 
-MemoryLayout layout_of(const Context& context, const MemoryPlan& plan, const std::vector<VkMemoryRequirements>& needs) {
-  return place_buffers(plan.buffers(), needs, context.memory_properties(), context.unified_memory(), context.max_allocation());
+/// The buffers to be made: tables as device memory, followed at the end by their twins where there are any.
+struct Made {
+  Made(const Context& context, const MemoryPlan& plan) : buffers(plan.buffers()) {
+    for (size_t i = 0; i < plan.buffers().size(); ++i) {
+      if (buffers[i].kind != MemoryKind::table) continue;
+      buffers[i].kind = MemoryKind::device;
+      if (context.unified_memory()) continue;
+      buffers.push_back({buffers[i].name + " from the host", buffers[i].bytes, MemoryKind::upload, BufferUse::transfer});
+      tables.push_back(i);
+    }
+  }
+  std::vector<BufferDescription> buffers;
+  std::vector<size_t> tables;  // those with a twin, in the order of the twins
+};
+
+MemoryLayout layout_of(const Context& context, const Made& made, const std::vector<VkMemoryRequirements>& needs) {
+  return place_buffers(made.buffers, needs, context.memory_properties(), context.unified_memory(), context.max_allocation());
 }
 
 }  // namespace
@@ -83,6 +98,7 @@ const char* name(MemoryKind kind) {
     case MemoryKind::device: return "device";
     case MemoryKind::upload: return "upload";
     case MemoryKind::readback: return "readback";
+    case MemoryKind::table: return "table";
   }
   return "unknown";
 }
@@ -98,27 +114,29 @@ BufferId MemoryPlan::add(BufferDescription description) {
 }
 
 MemoryBytes MemoryPlan::bytes(const Context& context) const {
+  const Made made(context, *this);
   std::vector<VkMemoryRequirements> needs;
-  for (const BufferDescription& buffer : buffers_) {
+  for (const BufferDescription& buffer : made.buffers) {
     const VkBuffer handle = create_buffer(context, buffer);
     needs.push_back(requirements_of(context, handle));
     context.vk().DestroyBuffer(context.device(), handle, nullptr);
   }
-  return layout_of(context, *this, needs).bytes();
+  return layout_of(context, made, needs).bytes();
 }
 
 Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& plan) : context_(std::move(context)) {
   const DeviceFunctions& vk = context_->vk();
   const VkDevice device = context_->device();
   try {
+    const Made made(*context_, plan);
     std::vector<VkMemoryRequirements> needs;
-    for (const BufferDescription& description : plan.buffers()) {
+    for (const BufferDescription& description : made.buffers) {
       Buffer& buffer = buffers_.emplace_back();
       buffer.handle = create_buffer(*context_, description);
       buffer.size = rounded(description.bytes);
       needs.push_back(requirements_of(*context_, buffer.handle));
     }
-    const MemoryLayout layout = layout_of(*context_, plan, needs);
+    const MemoryLayout layout = layout_of(*context_, made, needs);
     bytes_ = layout.bytes();
 
     std::vector<std::byte*> mapped;
@@ -141,7 +159,7 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
     for (size_t i = 0; i < buffers_.size(); ++i) {
       Buffer& buffer = buffers_[i];
       const Place& place = layout.places[i];
-      const BufferDescription& description = plan.buffers()[i];
+      const BufferDescription& description = made.buffers[i];
       check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory",
             description.name);
       if (mapped[place.chunk]) buffer.mapped = mapped[place.chunk] + place.offset;
@@ -150,6 +168,11 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
           VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle, description.texel_format, 0, VK_WHOLE_SIZE};
       check_made(vk.CreateBufferView(device, &view, nullptr, &buffer.view), buffer.view, "vkCreateBufferView",
                  description.name);
+    }
+    for (size_t k = 0; k < made.tables.size(); ++k) {
+      const Buffer& twin = buffers_[plan.buffers().size() + k];
+      buffers_[made.tables[k]].twin = twin.handle;
+      buffers_[made.tables[k]].mapped = twin.mapped;
     }
   } catch (...) {
     destroy();

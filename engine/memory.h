@@ -12,6 +12,9 @@ enum class MemoryKind : uint32_t {
   device,    ///< device local; mapped as well where device memory is host memory (Context::unified_memory)
   upload,    ///< host-visible and coherent, for writing in order; reading it may be very slow
   readback,  ///< host-visible and coherent, cached where the device offers it
+  /// Device local, written by the host: mapped where device memory is host memory, else with a twin of the kind upload, which
+  /// is what is mapped, and which Recorder::upload() copies.
+  table,
 };
 const char* name(MemoryKind kind);
 
@@ -37,6 +40,7 @@ struct Buffer {
   VkBufferView view = VK_NULL_HANDLE;  ///< of the whole buffer, if it has a texel format
   VkDeviceSize size = 0;               ///< bytes
   void* mapped = nullptr;              ///< host address, coherent; null: not mapped
+  VkBuffer twin = VK_NULL_HANDLE;      ///< where `mapped` lies, of a table that is not mapped itself
 
   template <class T>
   T* as() const {

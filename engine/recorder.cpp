@@ -116,6 +116,15 @@ void Recorder::copy(const Buffer& source, const Buffer& destination, std::span<c
                               regions.data());
 }
 
+void Recorder::upload(const Buffer& table, VkDeviceSize offset, VkDeviceSize bytes) {
+  if (!table.twin || bytes == 0) return;
+  Buffer twin;
+  twin.handle = table.twin;
+  twin.size = table.size;
+  const VkBufferCopy region{offset, offset, bytes};
+  copy(twin, table, std::span(&region, 1));
+}
+
 void Recorder::fill(const Buffer& buffer, uint32_t word, VkDeviceSize offset, VkDeviceSize bytes) {
   if (bytes == VK_WHOLE_SIZE && offset <= buffer.size) bytes = (buffer.size - offset) / 4 * 4;
   if (bytes == 0) return;

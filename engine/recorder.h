@@ -77,6 +77,8 @@ class Recorder {
     const VkBufferCopy region{0, 0, bytes};
     copy(source, destination, std::span(&region, 1));
   }
+  /// Bytes that the host has written into a MemoryKind::table, or will have before the submission. Nothing where it is mapped.
+  void upload(const Buffer& table, VkDeviceSize offset, VkDeviceSize bytes);
   /// Sets 32-bit words. `offset` and `bytes` are multiples of 4; VK_WHOLE_SIZE: to the end.
   void fill(const Buffer& buffer, uint32_t word = 0, VkDeviceSize offset = 0, VkDeviceSize bytes = VK_WHOLE_SIZE);
 

@@ -54,6 +54,14 @@ int choose_queue_family(const std::vector<VkQueueFamilyProperties>& families, Vk
   return chosen;
 }
 
+std::vector<std::string> extensions_to_enable(const DeviceRequirements& needed, const DeviceCapabilities& device) {
+  constexpr const char* portability_subset = "VK_KHR_portability_subset";
+  std::vector<std::string> extensions = needed.device_extensions;
+  const auto& offered = device.device_extensions;
+  if (std::find(offered.begin(), offered.end(), portability_subset) != offered.end()) extensions.push_back(portability_subset);
+  return extensions;
+}
+
 std::string version_text(uint32_t version) {
   return std::to_string(VK_API_VERSION_MAJOR(version)) + "." + std::to_string(VK_API_VERSION_MINOR(version)) + "." +
          std::to_string(VK_API_VERSION_PATCH(version));

@@ -41,6 +41,10 @@ struct DeviceCapabilities {
 /// What is missing, in words with numbers ("Vulkan 1.0.3, needs 1.1; no queue family with COMPUTE"); empty when nothing is.
 std::string unmet(const DeviceRequirements& needed, const DeviceCapabilities& device);
 
+/// Extensions to create a device with: those of `needed`, and VK_KHR_portability_subset, which the specification wants enabled
+/// where it is offered.
+std::vector<std::string> extensions_to_enable(const DeviceRequirements& needed, const DeviceCapabilities& device);
+
 /// The family to use: the first with compute and without graphics, which runs beside rendering; else the first with the
 /// flags. -1 when there is none.
 int choose_queue_family(const std::vector<VkQueueFamilyProperties>& families, VkQueueFlags flags);

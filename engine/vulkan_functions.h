@@ -37,6 +37,7 @@ namespace iclk::engine {
   X(DestroyShaderModule)         \
   X(CreatePipelineCache)         \
   X(DestroyPipelineCache)        \
+  X(GetPipelineCacheData)        \
   X(CreateComputePipelines)      \
   X(DestroyPipeline)             \
   X(CreatePipelineLayout)        \

@@ -7,16 +7,75 @@
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/feature_aligner.h>
+#include <iclk/refine/internal/device_features.h>
 #include <iclk/shaders/shared.h>
 
 #include "colour_sums.comp.spv.h"
 #include "feature_alignment.comp.spv.h"
 
 namespace iclk {
+namespace internal {
+
+engine::KernelDescription feature_alignment_kernel() {
+  using enum engine::BindingKind;
+  return {
+      "feature_alignment",
+      feature_alignment_comp_spv,
+      {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, texel_read, storage_write},
+      sizeof(shaders::FeatureAlignmentPush),
+      {}};
+}
+
+shaders::FeatureAlignmentPush feature_alignment_push(const FeatureAlignmentOptions& options, const DeviceMaps& maps) {
+  shaders::FeatureAlignmentPush push{};
+  push.fine_stride = maps.fine_stride;
+  push.map_stride = maps.map_stride;
+  push.pixel_stride = maps.pixel_stride;
+  push.level_count = static_cast<uint32_t>(maps.levels->size / sizeof(shaders::LevelInfo));
+  push.iterations = static_cast<uint32_t>(options.iterations);
+  push.coarse_start = static_cast<uint32_t>(options.coarse_start);
+  push.step_tolerance = static_cast<float>(options.step_tolerance);
+  push.max_motion = static_cast<float>(options.max_motion);
+  push.min_correlation = static_cast<float>(options.min_correlation);
+  push.min_texture = static_cast<float>(options.min_texture);
+  return push;
+}
+
+shaders::FeatureInfo pack_feature(const Features& features, size_t i, bool ok) {
+  if (!ok) return {};
+  const double q = features.inverse_depth[i];
+  const double sigma = i < features.inverse_depth_sigma.size() ? features.inverse_depth_sigma[i] / q : 0;
+  return {static_cast<float>(features.uv[i].x()), static_cast<float>(features.uv[i].y()), static_cast<float>(q),
+          std::isfinite(sigma) && sigma > 0 ? static_cast<float>(sigma) : 0.0f};
+}
+
+AlignedFeature unpack_feature(const shaders::AlignedInfo& info) {
+  AlignedFeature f;
+  f.status = static_cast<FeatureStatus>(std::min(info.status, static_cast<uint32_t>(FeatureStatus::hidden)));
+  f.iterations = static_cast<int>(info.iterations);
+  const bool finite = std::isfinite(info.u) && std::isfinite(info.v) && std::isfinite(info.gain) && std::isfinite(info.bias) &&
+                      std::isfinite(info.correlation) && std::isfinite(info.covariance_uu) &&
+                      std::isfinite(info.covariance_uv) && std::isfinite(info.covariance_vv);
+  if (!finite) {  // what a device makes of NaN pixels is its own affair
+    f.status = f.status == FeatureStatus::aligned ? FeatureStatus::diverged : f.status;
+    return f;
+  }
+  f.uv1 = {info.u, info.v};
+  f.covariance << info.covariance_uu, info.covariance_uv, info.covariance_uv, info.covariance_vv;
+  f.gain = info.gain;
+  f.bias = info.bias;
+  f.correlation = info.correlation;
+  return f;
+}
+
+}  // namespace internal
+
 namespace {
 
 using engine::BufferUse;
 using engine::MemoryKind;
+using internal::feature_alignment_kernel;
+using internal::unpack_feature;
 
 // Groups of a dispatch in x; 65,535 is what every device has.
 constexpr uint32_t kFeaturesATask = 32768;
@@ -26,8 +85,8 @@ constexpr uint64_t kFeaturesASubmission = 1 << 20;
 /// Buffers of a submission. Host-visible: a few bytes a feature, written once and read once.
 struct Buffers {
   Buffers(uint32_t max_tasks, uint32_t max_features, bool recolour) {
-    tasks = plan.add("feature tasks", sizeof(shaders::FeatureTask) * max_tasks, MemoryKind::upload, BufferUse::storage);
-    features = plan.add("task features", sizeof(shaders::FeatureInfo) * max_features, MemoryKind::upload, BufferUse::storage);
+    tasks = plan.add("feature tasks", sizeof(shaders::FeatureTask) * max_tasks, MemoryKind::table, BufferUse::storage);
+    features = plan.add("task features", sizeof(shaders::FeatureInfo) * max_features, MemoryKind::table, BufferUse::storage);
     aligned =
         plan.add("aligned features", sizeof(shaders::AlignedInfo) * max_features, MemoryKind::readback, BufferUse::storage);
     if (recolour)
@@ -36,16 +95,6 @@ struct Buffers {
   engine::MemoryPlan plan;
   engine::BufferId tasks, features, aligned, colours{};
 };
-
-engine::KernelDescription description() {
-  using enum engine::BindingKind;
-  return {
-      "feature_alignment",
-      feature_alignment_comp_spv,
-      {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, texel_read, storage_write},
-      sizeof(shaders::FeatureAlignmentPush),
-      {}};
-}
 
 engine::KernelDescription colours_description(uint32_t pixel_format) {
   using enum engine::BindingKind;
@@ -65,25 +114,6 @@ engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel&
   return size;
 }
 
-AlignedFeature unpack(const shaders::AlignedInfo& info) {
-  AlignedFeature f;
-  f.status = static_cast<FeatureStatus>(std::min(info.status, static_cast<uint32_t>(FeatureStatus::hidden)));
-  f.iterations = static_cast<int>(info.iterations);
-  const bool finite = std::isfinite(info.u) && std::isfinite(info.v) && std::isfinite(info.gain) && std::isfinite(info.bias) &&
-                      std::isfinite(info.correlation) && std::isfinite(info.covariance_uu) &&
-                      std::isfinite(info.covariance_uv) && std::isfinite(info.covariance_vv);
-  if (!finite) {  // what a device makes of NaN pixels is its own affair
-    f.status = f.status == FeatureStatus::aligned ? FeatureStatus::diverged : f.status;
-    return f;
-  }
-  f.uv1 = {info.u, info.v};
-  f.covariance << info.covariance_uu, info.covariance_uv, info.covariance_uv, info.covariance_vv;
-  f.gain = info.gain;
-  f.bias = info.bias;
-  f.correlation = info.correlation;
-  return f;
-}
-
 ColourSums unpack(const shaders::ColourInfo& info) {
   ColourSums s;
   s.TT = info.TT;
@@ -98,7 +128,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
       : aligner_(aligner),
         options_(checked(options)),
         recolour_(options.recolour && channels(aligner.plan().format) > 1),
-        kernel_(aligner.context(), description()),
+        kernel_(aligner.context(), feature_alignment_kernel()),
         colours_(recolour_
                      ? engine::Kernel(aligner.context(), colours_description(internal::DeviceParts::maps(aligner).pixel_format))
                      : engine::Kernel()),
@@ -164,9 +194,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
     auto* infos = memory_[ids_.features].as<shaders::FeatureInfo>() + filled_;
     for (uint32_t k = 0; k < piece.count; ++k) {
       const size_t i = piece.first + k;
-      const bool ok = checks[i] == FeatureCheck::ok;
-      infos[k] = {ok ? static_cast<float>(features.uv[i].x()) : 0.0f, ok ? static_cast<float>(features.uv[i].y()) : 0.0f,
-                  ok ? static_cast<float>(features.inverse_depth[i]) : 0.0f, 0.0f};
+      infos[k] = internal::pack_feature(features, i, checks[i] == FeatureCheck::ok);
     }
     shaders::FeatureTask info{
         static_cast<uint32_t>(task.reference), static_cast<uint32_t>(task.pair), filled_, piece.count, task.colours, {}};
@@ -185,22 +213,14 @@ class DeviceFeatureAligner final : public FeatureAligner {
   /// Aligns what was added and empties the list.
   void run(std::vector<std::vector<AlignedFeature>>& results) {
     if (pieces_.empty()) return;
-    shaders::FeatureAlignmentPush push{};
-    push.iterations = static_cast<uint32_t>(options_.iterations);
-    push.coarse_start = static_cast<uint32_t>(options_.coarse_start);
-    push.step_tolerance = static_cast<float>(options_.step_tolerance);
-    push.max_motion = static_cast<float>(options_.max_motion);
-    push.min_correlation = static_cast<float>(options_.min_correlation);
-    push.min_texture = static_cast<float>(options_.min_texture);
     const auto widest =
         std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
 
     engine::Recorder recorder(submission_, arena_);
     const internal::DeviceMaps maps = grey_->record(recorder, slots_, targets_);
-    push.fine_stride = maps.fine_stride;
-    push.map_stride = maps.map_stride;
-    push.pixel_stride = maps.pixel_stride;
-    push.level_count = static_cast<uint32_t>(maps.levels->size / sizeof(shaders::LevelInfo));
+    const shaders::FeatureAlignmentPush push = internal::feature_alignment_push(options_, maps);
+    recorder.upload(memory_[ids_.tasks], 0, sizeof(shaders::FeatureTask) * pieces_.size());
+    recorder.upload(memory_[ids_.features], 0, sizeof(shaders::FeatureInfo) * filled_);
     const engine::Groups groups{widest->count, static_cast<uint32_t>(pieces_.size()), 1};
     recorder.stage("feature_alignment");
     recorder.dispatch(kernel_,
@@ -224,7 +244,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
 
     const auto* infos = memory_[ids_.aligned].as<const shaders::AlignedInfo>();
     for (const Piece& piece : pieces_)
-      for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k] = unpack(*infos++);
+      for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k] = unpack_feature(*infos++);
     if (colours_wanted_) {
       const auto* sums = memory_[ids_.colours].as<const shaders::ColourInfo>();
       for (const Piece& piece : pieces_)

@@ -3,11 +3,11 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <sstream>
 
 #include <iclk/refine/internal/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/uncertainty.h>
+#include <iclk/refine/internal/verdict.h>
 #include <iclk/shaders/shared.h>
 
 namespace iclk {
@@ -73,51 +73,28 @@ std::vector<bool> aligned_set(const std::vector<AlignedFeature>& features) {
 
 /// The verdict over the whole way; `pose` is the last round's. False if features speak against the pose that ICLK found.
 bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, RefinedAlignment& r) {
-  r.visible = 0;
-  int candidates = 0;  // visible and textured: the rest says nothing about the pose
+  internal::Evidence e;
   for (size_t i = 0; i < view.checks.size(); ++i) {
     if (!is_visible(view, i, pose.T_10) || r.features[i].status == FeatureStatus::hidden) continue;
-    ++r.visible;
-    candidates += r.features[i].status != FeatureStatus::low_texture;
+    ++e.visible;
+    e.candidates += r.features[i].status != FeatureStatus::low_texture;
   }
-  r.aligned = count_aligned(r.features);
-  r.inliers = pose.inliers;
-  r.sigma = pose.sigma;
-  std::ostringstream why;
-  const auto end = [&](Status status, bool compatible = true) {
-    r.status = status;
-    r.reason = why.str();
-    return compatible;
-  };
-  if (candidates < options.min_inliers && r.inliers < options.min_inliers) {
-    why << candidates << " features with texture inside the target, " << options.min_inliers << " needed; "
-        << summary(r.features);
-    return end(Status::too_few_features);
-  }
-  const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(options.min_inlier_share * candidates)));
-  if (r.inliers < needed) {
-    why << "the features do not confirm the pose: " << r.inliers << " agree on it, " << needed << " of " << candidates
-        << " with texture inside the target needed; " << summary(r.features);
-    return end(Status::diverged);
-  }
-  if (!usable(pose.status)) {
-    why << "pose refinement: " << pose.reason;
-    return end(pose.status);
-  }
-  const std::vector<double> moved = motions(view, r.iclk.T_10, pose.T_10);
-  const double median = moved[moved.size() / 2];
-  if (!(median <= options.max_correction)) {
-    why << "refinement moved the features by " << median << " px (median), more than the " << options.max_correction
-        << " px that it may correct";
-    return end(Status::diverged, false);
-  }
-  why << r.aligned << " of " << r.visible << " visible features aligned, " << r.inliers << " agree on the pose, residual sigma "
-      << r.sigma << " px, " << r.rounds << (r.rounds == 1 ? " round" : " rounds");
-  if (const GreyWeights& w = r.recolouring.weights; r.recolouring.better())
-    why << ", the target in the grey values " << w[0] << " R " << std::showpos << w[1] << " G " << w[2] << " B"
-        << std::noshowpos;
-  if (pose.status == Status::max_iterations) why << "; " << pose.reason;
-  return end(pose.status);
+  e.aligned = count_aligned(r.features);
+  e.inliers = pose.inliers;
+  e.rounds = r.rounds;
+  e.sigma = pose.sigma;
+  if (const std::vector<double> moved = motions(view, r.iclk.T_10, pose.T_10); !moved.empty())
+    e.correction = moved[moved.size() / 2];
+  e.pose_status = pose.status;
+  e.pose_reason = pose.reason;
+  internal::Verdict verdict = internal::judge(e, r.features, r.recolouring, options);
+  r.visible = e.visible;
+  r.aligned = e.aligned;
+  r.inliers = e.inliers;
+  r.sigma = e.sigma;
+  r.status = verdict.status;
+  r.reason = std::move(verdict.reason);
+  return verdict.compatible;
 }
 
 }  // namespace

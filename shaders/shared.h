@@ -62,19 +62,19 @@ using uint = uint32_t;
 
 // Starts by matching (align/search/matching.h). Places are pixels of a grey map that is smaller than the image by a whole
 // number; a descriptor describes the 8x8 pixels to the right of a place and below.
-#define ICLK_MATCH_AREA 24000       // pixels of that map, at most
-#define ICLK_MATCH_TEXELS 4         // vec4 of a descriptor
-#define ICLK_MATCH_ROLLS 5          // of the reference's patch
-#define ICLK_MATCH_ROLL 0.25        // rad from one to the next
-#define ICLK_MATCH_FEATURES 200     // of more, so many take part, evenly out of their list
-#define ICLK_MATCH_TILE 16          // places: each feature has one best place a tile of so many squared
-#define ICLK_MATCH_LEAST 0.02       // norm of a descriptor before it is normalised: less is no texture
-#define ICLK_MATCH_HYPOTHESES 512   // poses from three correspondences each, of all rolls
-#define ICLK_MATCH_UPRIGHT_FEATURES 128    // of those, where no roll is looked for
+#define ICLK_MATCH_AREA 24000            // pixels of that map, at most
+#define ICLK_MATCH_TEXELS 4              // vec4 of a descriptor
+#define ICLK_MATCH_ROLLS 5               // of the reference's patch
+#define ICLK_MATCH_ROLL 0.25             // rad from one to the next
+#define ICLK_MATCH_FEATURES 200          // of more, so many take part, evenly out of their list
+#define ICLK_MATCH_TILE 16               // places: each feature has one best place a tile of so many squared
+#define ICLK_MATCH_LEAST 0.02            // norm of a descriptor before it is normalised: less is no texture
+#define ICLK_MATCH_HYPOTHESES 512        // poses from three correspondences each, of all rolls
+#define ICLK_MATCH_UPRIGHT_FEATURES 128  // of those, where no roll is looked for
 #define ICLK_MATCH_UPRIGHT_HYPOTHESES 256
-#define ICLK_MATCH_GROUP 8          // invocations that refine the best hypotheses, one each
-#define ICLK_MATCH_STEPS 8          // of that refinement
-#define ICLK_MATCH_TOLERANCE 1.5    // pixels of the map: a correspondence that is as near agrees with a pose
+#define ICLK_MATCH_GROUP 8        // invocations that refine the best hypotheses, one each
+#define ICLK_MATCH_STEPS 8        // of that refinement
+#define ICLK_MATCH_TOLERANCE 1.5  // pixels of the map: a correspondence that is as near agrees with a pose
 // A start is tried if so many correspondences agree with it, and a share of all; the verdict has the last word on its pose.
 #define ICLK_MATCH_INLIERS 7
 #define ICLK_MATCH_SHARE 0.05
@@ -114,7 +114,8 @@ struct ReferenceInfo {
 
 // A feature: pixel of level 0 and inverse depth, 0 = takes no part.
 struct FeatureInfo {
-  float u, v, inverse_depth, unused;
+  float u, v, inverse_depth;
+  float relative_sigma;  // of the inverse depth, read by pose refinement; 0: not known
 };
 
 // An 8x8 pixel block of a level that patches reach into, and the features whose patches do: entries first .. first + count - 1
@@ -169,7 +170,7 @@ struct PairState {
   float lambda, nu;
   float last_step;
   float belief_scale;  // at the accepted point: belief.glsl
-  float repeats;  // PairInfo's
+  float repeats;       // PairInfo's
   uint has_accepted, done, singular;
   uint iterations[ICLK_MAX_LEVELS];  // taken at each level
   float scale[ICLK_MAX_LEVELS];      // robust scale of each level
@@ -226,10 +227,10 @@ struct PyramidPush {
 struct HidePush {
   uint width, pitch, offset;  // of the map, in the buffer of maps
   uint first_image;
-  uint finer_offset, finer_pitch;     // hide_level.comp
-  uint map_stride;                    // floats from an image's maps to the next
-  uint scale, row_pixels;             // hide.comp
-  uint pixel_words;                   // hide.comp: 32-bit words from an image to the next
+  uint finer_offset, finer_pitch;  // hide_level.comp
+  uint map_stride;                 // floats from an image's maps to the next
+  uint scale, row_pixels;          // hide.comp
+  uint pixel_words;                // hide.comp: 32-bit words from an image to the next
 };
 
 struct HalvePush {
@@ -290,16 +291,16 @@ struct SelectPush {
 
 // The kernels of starts by matching.
 struct MatchPush {
-  uint scale;            // image pixels a pixel of the grey map
-  uint width, height;    // of the grey map
-  uint features;         // of a reference, at most: from one reference's or pair's to the next
-  uint max_features;     // the same of FeatureInfo
-  uint first_reference;  // describe_reference.comp, match_grey.comp
-  uint row_pixels;       // match_grey.comp: pixels from a row to the next
-  uint pixel_words;      // match_grey.comp: 32-bit words from an image to the next
-  uint first_level;      // match_pose.comp: where a pair begins that is believed
-  uint coarsest;         // match_pose.comp: where another does
-  uint starts;           // match_pose.comp: PairInfo of a pair in the list of starts
+  uint scale;              // image pixels a pixel of the grey map
+  uint width, height;      // of the grey map
+  uint features;           // of a reference, at most: from one reference's or pair's to the next
+  uint max_features;       // the same of FeatureInfo
+  uint first_reference;    // describe_reference.comp, match_grey.comp
+  uint row_pixels;         // match_grey.comp: pixels from a row to the next
+  uint pixel_words;        // match_grey.comp: 32-bit words from an image to the next
+  uint first_level;        // match_pose.comp: where a pair begins that is believed
+  uint coarsest;           // match_pose.comp: where another does
+  uint starts;             // match_pose.comp: PairInfo of a pair in the list of starts
   uint hypotheses;         // hypothesise.comp, match_pose.comp: of a pair
   uint sought;             // of `features`, at most
   uint first_roll, rolls;  // of the reference's patches: the upright ones, then all, for pairs still unmatched
@@ -309,38 +310,6 @@ struct MatchPush {
 struct MatchInfo {
   float score;  // cosine of both descriptors; -2: none
   uint place;   // v * width + u
-};
-
-// Feature alignment: all features of one pair, warped by one pose.
-struct FeatureTask {
-  uint reference, pair;
-  uint first_feature, feature_count;  // in the list of FeatureInfo and of AlignedInfo
-  uint colours;                       // 1: colour_sums.comp takes part
-  float pose[12];                     // T_10, 3x4 row-major
-};
-
-// AlignedFeature of refine/feature_alignment.h.
-struct AlignedInfo {
-  float u, v;
-  float covariance_uu, covariance_uv, covariance_vv;
-  float gain, bias, correlation;
-  uint iterations;
-  uint status;  // iclk::FeatureStatus
-};
-
-// ColourSums of refine/recolour.h, CC as (RR, GG, BB, RG, RB, GB).
-struct ColourInfo {
-  float TT, TC[3], CC[6];
-};
-
-struct FeatureAlignmentPush {
-  uint fine_stride;   // texels from an image's level 0 to the next
-  uint map_stride;    // the same of the other levels
-  uint pixel_stride;  // 32-bit words from a target's raw pixels to the next
-  uint level_count;
-  uint iterations;
-  uint coarse_start;  // iclk::CoarseStart
-  float step_tolerance, max_motion, min_correlation, min_texture;
 };
 
 #ifdef __cplusplus

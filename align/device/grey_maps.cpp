@@ -33,7 +33,7 @@ struct Buffers {
     using enum engine::MemoryKind;
     const auto texels = engine::BufferUse::storage | engine::BufferUse::texel;
     const uint64_t bytes = 4ull * layout.map_stride;
-    levels = plan.add("grey levels", sizeof(shaders::LevelInfo) * layout.levels.size(), upload, engine::BufferUse::storage);
+    levels = plan.add("grey levels", sizeof(shaders::LevelInfo) * layout.levels.size(), table, engine::BufferUse::storage);
     maps1 = plan.add("target grey maps", bytes * static_cast<uint64_t>(batch), device, texels, VK_FORMAT_R32_SFLOAT);
     if (references > 0)
       maps0 = plan.add("reference grey maps", bytes * static_cast<uint64_t>(references), device, texels, VK_FORMAT_R32_SFLOAT);
@@ -68,6 +68,7 @@ class DeviceAligner::Impl::PixelMaps final : public internal::GreyMaps {
     pairs_.next = pairs_.held;
     const auto is_luma = [](const internal::GreyTarget& target) { return target.weights == kLuma; };
     if (!references_ && std::all_of(targets.begin(), targets.end(), is_luma)) return internal::DeviceParts::maps(aligner_);
+    recorder.upload(memory_[ids_.levels], 0, layout_.levels.size() * sizeof(shaders::LevelInfo));
     std::vector<bool> asked(slots_.next.size());
     for (const int slot : slots) {
       const auto i = static_cast<size_t>(slot);

@@ -60,6 +60,8 @@ struct DeviceAligner::Impl {
                 std::vector<FeatureCheck> checks);
   /// Copies staged pixels of the references that set_reference() left for this recording, and returns which they are.
   std::vector<internal::Stages::Run> upload_dirty(engine::Recorder& recorder);
+  /// What set_slot() has written for slots [first, first + count).
+  void upload_tables(engine::Recorder& recorder, uint32_t first, uint32_t count) const;
   /// What upload_dirty() returned is prepared, now that the commands are submitted or the application's. Where recording or
   /// submitting fails, the slots stay dirty for the next attempt.
   void recorded_will_execute();

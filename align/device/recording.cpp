@@ -17,7 +17,7 @@ class DeviceRecording : public DeviceAligner::Recording {
       : options(options),
         trace_stride(layout.trace_stride),
         max_pairs(max_pairs),
-        run_ids(layout, options, context->unified_memory(), max_pairs),
+        run_ids(layout, options, Solver::device, context->unified_memory(), max_pairs),
         run(context, run_ids.plan),
         arena(context, arena_size) {}
 
@@ -172,6 +172,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     Impl::Slot& slot = m.slots[static_cast<size_t>(reference.slot)];
     slot.dirty = false;  // nothing was staged
     slot.set = false;    // until all is recorded: what is thrown on the way leaves a slot without maps
+    m.upload_tables(recorder, static_cast<uint32_t>(reference.slot), 1);
     copy_pixels(recorder, reference.image, m.plan, m.layout, m.memory[m.ids.pixels0],
                 image_bytes * static_cast<uint64_t>(reference.slot));
     prepared.push_back({static_cast<uint32_t>(reference.slot), 1});

@@ -60,6 +60,7 @@ void Stages::select(Recorder& recorder, BufferId candidates, BufferId kept, uint
 }
 
 void Stages::search(Recorder& recorder, uint32_t pairs) const {
+  recorder.upload(run[*run_ids.starts], 0, sizeof(shaders::PairInfo) * pairs * static_cast<uint64_t>(options.search.starts()));
   if (matching)
     matching.find(recorder, memory,
                   {at(ids.pixels1), at(ids.references), at(ids.features), run[run_ids.pairs], run[*run_ids.starts],

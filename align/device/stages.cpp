@@ -16,14 +16,14 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   const auto references_n = static_cast<uint64_t>(p.max_references), pairs_n = static_cast<uint64_t>(batch);
   const auto storage = BufferUse::storage;
   const auto texels = BufferUse::storage | BufferUse::texel;
-  levels = plan.add("levels", sizeof(shaders::LevelInfo) * layout.levels.size(), MemoryKind::upload, storage);
-  references = plan.add("references", sizeof(shaders::ReferenceInfo) * references_n, MemoryKind::upload, storage);
+  levels = plan.add("levels", sizeof(shaders::LevelInfo) * layout.levels.size(), MemoryKind::table, storage);
+  references = plan.add("references", sizeof(shaders::ReferenceInfo) * references_n, MemoryKind::table, storage);
   features = plan.add("features", sizeof(shaders::FeatureInfo) * references_n * static_cast<uint64_t>(p.max_features),
-                      MemoryKind::upload, storage);
+                      MemoryKind::table, storage);
   const uint64_t tiles_n = p.dense ? 1 : layout.tile_stride * references_n,
                  entries_n = p.dense ? 1 : layout.entry_stride * references_n;
-  tiles = plan.add("mask tiles", sizeof(shaders::MaskTile) * tiles_n, MemoryKind::upload, storage);
-  entries = plan.add("mask tile entries", 4 * entries_n, MemoryKind::upload, storage);
+  tiles = plan.add("mask tiles", sizeof(shaders::MaskTile) * tiles_n, MemoryKind::table, storage);
+  entries = plan.add("mask tile entries", 4 * entries_n, MemoryKind::table, storage);
   const uint64_t image_bytes = 4ull * layout.pixel_words;
   const VkFormat pixel_format = texel_format(p.format);
   pixels0 = plan.add("reference pixels", image_bytes * references_n, MemoryKind::device, texels, pixel_format);
@@ -53,11 +53,14 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   }
 }
 
-RunBuffers::RunBuffers(const Layout& layout, const AlignerOptions& options, bool unified_memory, int count) {
+RunBuffers::RunBuffers(const Layout& layout, const AlignerOptions& options, Solver solver, bool unified_memory, int count) {
   const auto n = static_cast<uint64_t>(count);
   const uint64_t state_bytes = sizeof(shaders::PairState) * n,
                  trace_bytes = sizeof(shaders::TraceEntry) * n * layout.trace_stride;
-  pairs = plan.add("pairs", sizeof(shaders::PairInfo) * n, MemoryKind::upload, BufferUse::storage);
+  const bool on_device = solver == Solver::device;
+  pairs =
+      plan.add("pairs", sizeof(shaders::PairInfo) * n, on_device ? MemoryKind::device : MemoryKind::upload, BufferUse::storage);
+  if (on_device) given = plan.add("pairs as given", sizeof(shaders::PairInfo) * n, MemoryKind::upload, BufferUse::transfer);
   states = plan.add("states", state_bytes, MemoryKind::device, BufferUse::storage);
   trace = plan.add("trace", trace_bytes, MemoryKind::device, BufferUse::storage);
   results = plan.add("results", sizeof(shaders::ResultInfo) * n, MemoryKind::device, BufferUse::storage);
@@ -69,7 +72,7 @@ RunBuffers::RunBuffers(const Layout& layout, const AlignerOptions& options, bool
     const auto starts_n = static_cast<uint64_t>(options.search.starts()), size = sizeof(shaders::PairInfo) * n;
     const auto screened_n = std::min(starts_n, static_cast<uint64_t>(options.search.screened));
     const auto kept_n = std::min(screened_n, static_cast<uint64_t>(options.search.kept));
-    starts = plan.add("search starts", size * starts_n, MemoryKind::upload, BufferUse::storage);
+    starts = plan.add("search starts", size * starts_n, MemoryKind::table, BufferUse::storage);
     screened = plan.add("search screened", size * screened_n, MemoryKind::device, BufferUse::storage);
     kept = plan.add("search kept", size * kept_n, MemoryKind::device, BufferUse::storage);
     search_states =
@@ -229,6 +232,8 @@ void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t ite
 }
 
 void Stages::align(Recorder& recorder, uint32_t pairs) const {
+  // At every execution: an application may submit a recording more than once.
+  recorder.copy(run[*run_ids.given], run[run_ids.pairs], sizeof(shaders::PairInfo) * pairs);
   if (options.search.enabled) search(recorder, pairs);
   uint32_t given = ICLK_FLAG_GIVEN;  // until the first dispatch that leaves a state
   for (int level = options.levels - 1; level >= 0; --level) {

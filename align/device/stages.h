@@ -25,10 +25,11 @@ struct AlignerBuffers {
 
 /// Buffers of one run over a batch: what the host says of the pairs and what the device solver leaves.
 struct RunBuffers {
-  RunBuffers(const Layout& layout, const AlignerOptions& options, bool unified_memory, int pairs);
+  RunBuffers(const Layout& layout, const AlignerOptions& options, Solver solver, bool unified_memory, int pairs);
 
   engine::MemoryPlan plan;
   engine::BufferId pairs, states, trace, results;
+  std::optional<engine::BufferId> given;  // Solver::device: `pairs` as the host has them; matching changes `pairs`
   std::optional<engine::BufferId> states_read, trace_read;  // where device memory cannot be mapped
   // Of a start search: every start of every pair, what is left after each selection, and their states.
   std::optional<engine::BufferId> starts, screened, kept, search_states;

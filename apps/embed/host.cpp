@@ -33,6 +33,16 @@ bool has_layer() {
   return false;
 }
 
+bool has_instance_extension(const char* name) {
+  uint32_t count = 0;
+  check(vkEnumerateInstanceExtensionProperties(nullptr, &count, nullptr), "vkEnumerateInstanceExtensionProperties");
+  std::vector<VkExtensionProperties> extensions(count);
+  check(vkEnumerateInstanceExtensionProperties(nullptr, &count, extensions.data()), "vkEnumerateInstanceExtensionProperties");
+  for (const VkExtensionProperties& extension : extensions)
+    if (std::strcmp(extension.extensionName, name) == 0) return true;
+  return false;
+}
+
 }  // namespace
 
 // Delegates to a constructor that does nothing, so that the destructor cleans up behind whatever throws here.
@@ -66,7 +76,11 @@ void Host::create_instance(bool validate) {
   application.apiVersion = iclk::engine::requirements().api_version;
   VkInstanceCreateInfo info{VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO};
   info.pApplicationInfo = &application;
-  const char* extensions[] = {VK_EXT_DEBUG_UTILS_EXTENSION_NAME, VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME};
+  std::vector<const char*> extensions;
+  if (has_instance_extension(VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME)) {  // or MoltenVK's devices are not listed
+    extensions.push_back(VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME);
+    info.flags |= VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR;
+  }
   const VkValidationFeatureEnableEXT synchronisation = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
   VkDebugUtilsMessengerCreateInfoEXT messenger{VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT};
   messenger.messageSeverity = VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
@@ -80,9 +94,10 @@ void Host::create_instance(bool validate) {
     info.pNext = &features;
     info.enabledLayerCount = 1;
     info.ppEnabledLayerNames = &kLayer;
-    info.enabledExtensionCount = 2;
-    info.ppEnabledExtensionNames = extensions;
+    extensions.insert(extensions.end(), {VK_EXT_DEBUG_UTILS_EXTENSION_NAME, VK_EXT_VALIDATION_FEATURES_EXTENSION_NAME});
   }
+  info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
+  info.ppEnabledExtensionNames = extensions.data();
   check(vkCreateInstance(&info, nullptr, &instance), "vkCreateInstance");
   if (!validate) return;
   const auto create =
@@ -90,7 +105,8 @@ void Host::create_instance(bool validate) {
   check(create(instance, &messenger, nullptr, &messenger_), "vkCreateDebugUtilsMessengerEXT");
 }
 
-// iclk asks for no extension and no feature, so this is the application's own device: a renderer adds what it needs.
+// iclk asks for no extension and no feature, so this is the application's own device: a renderer adds what it needs. Vulkan on
+// top of another API (MoltenVK) wants its subset named.
 void Host::create_device() {
   uint32_t count = 0;
   vkGetPhysicalDeviceQueueFamilyProperties(physical_device, &count, nullptr);
@@ -110,6 +126,15 @@ void Host::create_device() {
   VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO};
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &one_queue;
+  constexpr const char* portability_subset = "VK_KHR_portability_subset";
+  uint32_t extensions_n = 0;
+  check(vkEnumerateDeviceExtensionProperties(physical_device, nullptr, &extensions_n, nullptr), "vkEnumerateDeviceExtensions");
+  std::vector<VkExtensionProperties> extensions(extensions_n);
+  check(vkEnumerateDeviceExtensionProperties(physical_device, nullptr, &extensions_n, extensions.data()),
+        "vkEnumerateDeviceExtensions");
+  for (const VkExtensionProperties& extension : extensions)
+    if (std::strcmp(extension.extensionName, portability_subset) == 0) info.enabledExtensionCount = 1;
+  info.ppEnabledExtensionNames = &portability_subset;
   check(vkCreateDevice(physical_device, &info, nullptr, &device), "vkCreateDevice", device_name);
   vkGetDeviceQueue(device, queue_family, 0, &queue);
 }

@@ -5,11 +5,12 @@
 // Groups: (features, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
+#include "refine/refine.h"
 #include "marks_layout.glsl"
 layout(local_size_x = 64) in;
 
 layout(set = 0, binding = 0, rgba8) uniform writeonly image2D picture;
-layout(set = 0, binding = 1, std430) readonly buffer Results { ResultInfo result; };
+layout(set = 0, binding = 1, std430) readonly buffer Results { RefinedInfo result; };
 layout(set = 0, binding = 2, std430) readonly buffer Points { FeatureInfo features[]; };
 layout(push_constant) uniform Push { MarksPush push; };
 

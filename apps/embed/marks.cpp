@@ -4,6 +4,7 @@
 
 #include <iclk/align/alignment.h>
 #include <iclk/engine/result.h>
+#include <iclk/shaders/refine/refine.h>
 #include <iclk/shaders/shared.h>
 
 #include "apps/embed/marks_layout.glsl"
@@ -61,7 +62,7 @@ void Marks::create_sets(VkBuffer results) {
   const VkDescriptorSetLayout layouts[] = {set_layout_, set_layout_};
   const VkDescriptorSetAllocateInfo two{VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO, nullptr, pool_, 2, layouts};
   check(vkAllocateDescriptorSets(host_.device, &two, sets_), "vkAllocateDescriptorSets");
-  const VkDescriptorBufferInfo buffers[] = {{results, 0, sizeof(iclk::shaders::ResultInfo)},
+  const VkDescriptorBufferInfo buffers[] = {{results, 0, sizeof(iclk::shaders::RefinedInfo)},
                                             {points_.handle, 0, VK_WHOLE_SIZE}};
   for (size_t i = 0; i < 2; ++i) {
     const VkDescriptorImageInfo image{VK_NULL_HANDLE, images_[i]->view, VK_IMAGE_LAYOUT_GENERAL};

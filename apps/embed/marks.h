@@ -11,7 +11,7 @@ namespace embed {
 /// images (marks.comp).
 class Marks {
  public:
-  /// `results`: of the recording, a shaders::ResultInfo.
+  /// `results`: of the recording, a shaders::RefinedInfo.
   Marks(Host& host, VkBuffer results, const Image& reference, const Image& target, int max_features);
   ~Marks();
   Marks(const Marks&) = delete;

@@ -5,6 +5,7 @@
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/result.h>
+#include <iclk/refine/device_refiner.h>
 
 #include "apps/embed/flight.h"
 #include "apps/embed/marks.h"
@@ -97,7 +98,8 @@ Report run(const Options& options) {
                                                .queue_family = host.queue_family});
     iclk::Plan plan{.width = camera.width, .height = camera.height, .max_features = options.features};
     iclk::DeviceAligner aligner(context, plan, {}, iclk::Solver::device);
-    auto recording = aligner.make_recording();
+    iclk::DeviceRefiner refiner(aligner);
+    auto recording = refiner.make_recording();
     auto image = [&](VkImage handle) {
       return iclk::engine::ForeignImage{handle, VK_FORMAT_R8G8B8A8_UNORM, width, height, VK_IMAGE_LAYOUT_GENERAL};
     };
@@ -119,17 +121,17 @@ Report run(const Options& options) {
       renderer.record(commands, T_W0, T_W1, reference, target);
       stopwatch.record(commands);
       // README
-      // Every frame, behind the commands that render both images: the whole alignment, into your command buffer.
+      // Every frame, behind the commands that render both images: alignment and refinement, into your command buffer.
       iclk::DeviceReference keyframe{.slot = 0, .image = image(reference.handle), .camera = camera, .features = features};
       iclk::DevicePair pair{.reference = 0, .target = image(target.handle)};
-      aligner.record(*recording, commands, {&keyframe, 1}, {&pair, 1});
+      refiner.record(*recording, commands, {&keyframe, 1}, {&pair, 1});
       // end
       stopwatch.record(commands);
       // README
-      // Your shaders read recording->results(), a VkBuffer of shaders::ResultInfo.
+      // Your shaders read recording->results(), a VkBuffer of shaders::RefinedInfo.
       marks.record(commands, camera, features, truth);
       host.submit_and_wait();
-      iclk::Alignment result = recording->read().front();  // the same on the host, with the trace
+      iclk::RefinedAlignment result = recording->read().front();  // the same on the host, with the trace
       // end
       FrameReport r{.status = result.status};
       r.ms = milliseconds(Clock::now() - start);

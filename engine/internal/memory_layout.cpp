@@ -30,6 +30,7 @@ std::vector<Wish> wishes(MemoryKind kind, bool unified) {
       // The small host-visible window of a discrete GPU's own memory is left to those who need it.
       return {{visible, local | cached}, {visible, cached}, {visible, local}, {visible, 0}};
     case MemoryKind::readback: return {{visible | cached, local}, {visible | cached, 0}, {visible, 0}};
+    case MemoryKind::table: break;  // a Workspace makes buffers of the other kinds of it
   }
   return {};
 }

@@ -10,6 +10,7 @@
 #include <Eigen/LU>
 
 #include <iclk/engine/error.h>
+#include <iclk/refine/internal/verdict.h>
 
 namespace iclk::internal {
 namespace {
@@ -217,7 +218,7 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
     if (r && r->norm() <= options.inlier_distance) ++result.inliers;
   }
   std::ostringstream why;
-  why << result.inliers << " of " << result.used << " features within " << options.inlier_distance << " px";
+  why << inliers_text(result.inliers, result.used, options);
   if (!summary.IsSolutionUsable() || !result.T_10.R.allFinite() || !result.T_10.t.allFinite()) {
     result.status = Status::diverged;
     result.reason = "pose refinement failed: " + summary.message;

@@ -139,13 +139,14 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
   const Eigen::MatrixXd seen = calibration - Q * (Q.transpose() * calibration);
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(seen.transpose() * seen);
   // Along the eigenvectors the restricted likelihood falls apart into three of one variable each.
-  const Eigen::Vector3d s = eigen.eigenvalues().cwiseMax(1e-30), b = eigen.eigenvectors().transpose() * (seen.transpose() * y);
+  const Eigen::Vector3d s = eigen.eigenvalues(), b = eigen.eigenvectors().transpose() * (seen.transpose() * y);
   constexpr int kSigmas = 10;
   std::array<double, kSigmas + 1> tau{}, log_weight{};
   for (int k = 0; k <= kSigmas; ++k) {
     if (k > 0) tau[k] = std::pow(0.02 * std::pow(100.0, static_cast<double>(k - 1) / (kSigmas - 1)), 2);
     log_weight[k] = k == 0 ? std::log(kSigmas) : 0;  // half of the prior's weight
     for (int j = 0; j < 3; ++j) {
+      if (4 * s[j] < 1e-4 * variance) continue;  // not even 2 px show; of a plane one direction is rounding alone
       const double v = variance + tau[k] * s[j];
       log_weight[k] -= 0.5 * (std::log(v) + b[j] * b[j] / (s[j] * v));
     }

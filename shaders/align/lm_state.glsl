@@ -108,7 +108,7 @@ void leave_belief(uint pair, Lm lm, bool believes) {
     information[i] = push.carry * pose_information(pair, PHOTOMETRIC, i / 6u, i % 6u, own) / lm.scale;
     size += abs(information[i]);
   }
-  bool finite = size < 1e30;  // a level without a result must not spoil the next
+  bool finite = is_finite(size) && size < 1e30;  // a level without a result must not spoil the next
   for (uint i = 0u; i < 36u; ++i) information[i] = finite ? information[i] : 0.0;
   if (believes) {
     Prior p = belief_at(pair, lm.pose);

@@ -1,5 +1,6 @@
 // The Levenberg-Marquardt step of align/solver/lm.h in single precision. Needs belief.glsl, sums[] and the bindings
 // pairs[], states[] and trace[].
+#include "finite.glsl"
 layout(constant_id = 1) const bool PHOTOMETRIC = true;
 layout(constant_id = 2) const bool ADAPTIVE = false;
 
@@ -27,7 +28,7 @@ void lm_start_photometric(inout Lm lm) {
   float n = sums[11].w, s0 = sums[10].w, s00 = sums[10].z;
   float s1 = sums[13].w + s0, s11 = sums[14].x + 2.0 * sums[13].z + s00;
   float v0 = s00 - s0 * s0 / n, v1 = s11 - s1 * s1 / n;
-  if (!(n > 0.0) || !(v0 > 1e-6 * n) || !(v1 > 0.0)) return;
+  if (!is_finite(v0 + v1) || !(n > 0.0) || !(v0 > 1e-6 * n) || !(v1 > 0.0)) return;
   lm.gain = clamp(sqrt(v1 / v0), ICLK_GAIN_MIN, ICLK_GAIN_MAX);
   lm.bias = (s1 - lm.gain * s0) / n;
 }
@@ -40,7 +41,7 @@ bool lm_judge(inout Lm lm, uint pair, bool believes) {
     float share = sums[11].w > 0.0 ? accepted_sums[11].w / sums[11].w : 1e30;
     float compared = sums[14].x * share + lm.scale * distance;
     float ratio = lm.predicted > 0.0 ? (lm.objective - compared) / lm.predicted : 0.0;
-    if (!(ratio > ICLK_LM_ACCEPT)) {
+    if (!is_finite(ratio) || ratio <= ICLK_LM_ACCEPT) {
       lm.lambda = max(lm.lambda * lm.nu, ICLK_LM_REJECTED);
       lm.nu *= 2.0;
       lm.pose = lm.accepted_pose;
@@ -139,7 +140,7 @@ void lm_propose(inout Lm lm, uint pair, bool believes, float focal, float mean_i
     predicted += xi[i] * (g[i] + lm.lambda * A[9 * i] * xi[i]);
     size += abs(xi[i]);
   }
-  if (!ok || !(size < 1e30)) {
+  if (!ok || !is_finite(size) || size >= 1e30) {
     lm.singular = true;
     lm.done = true;
     lm.last_step = 0.0;

@@ -12,6 +12,7 @@ layout(set = 0, binding = 2, std430) readonly buffer Parts { vec4 parts[]; };
 layout(set = 0, binding = 3, std430) buffer States { PairState states[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Results { ResultInfo results[]; };
 layout(push_constant) uniform Push { ResultPush push; };
+#include "finite.glsl"
 #include "se3.glsl"
 #include "align/prior.glsl"
 #include "align/information.glsl"
@@ -116,7 +117,7 @@ uint judge(uint pair, float variance, float correlation) {
   SCALE(H)
   CHOLESKY(H, ICLK_LEAST_EIGENVALUE, ok)
   if (!ok) return DEGENERATE;
-  if (!(correlation >= push.min_correlation)) return DIVERGED;
+  if (!is_finite(correlation) || correlation < push.min_correlation) return DIVERGED;
 
   SCALE(confirmed)
   SCALE(cross_term)
@@ -126,7 +127,7 @@ uint judge(uint pair, float variance, float correlation) {
     cross_trace += cross_term[7u * i];
     both_trace += both[7u * i];
   }
-  if (!(cross_trace >= push.min_agreement * both_trace)) return DIVERGED;
+  if (!is_finite(cross_trace) || cross_trace < push.min_agreement * both_trace) return DIVERGED;
   // The least ratio x^T cross x / x^T both x exceeds the limit where cross - limit both is positive definite.
   for (uint at = 0u; at < 36u; ++at) cross_term[at] -= push.min_agreement * both[at];
   CHOLESKY(cross_term, 0.0, ok)
@@ -191,7 +192,7 @@ void main() {
   for (int i = 0; i < ICLK_SUM_FLOATS; ++i) sum += abs(states[pair].sums[i]);
   float variance = max(cost / max(visible - push.parameters, 1.0), ICLK_LEAST_SIGMA * ICLK_LEAST_SIGMA);
   uint status;
-  if (!(sum < 1e30)) status = DIVERGED;
+  if (!is_finite(sum) || sum >= 1e30) status = DIVERGED;
   else if (!(fraction >= push.min_visible) || visible == 0.0) status = LOW_OVERLAP;
   else if (correlation == 0.0) status = DEGENERATE;  // an image is constant
   else status = judge(pair, variance, correlation);

@@ -10,6 +10,7 @@ layout(set = 0, binding = 1, std430) readonly buffer Candidates { PairInfo candi
 layout(set = 0, binding = 2, std430) readonly buffer States { PairState states[]; };         // of the candidates
 layout(set = 0, binding = 3, std430) buffer Kept { PairInfo kept[]; };
 layout(push_constant) uniform Push { SelectPush push; };
+#include "finite.glsl"
 #include "align/moments.glsl"
 
 shared float scores[ICLK_SEARCH_STARTS];
@@ -18,7 +19,7 @@ float score_of(uint candidate) {
   if (candidates[candidate].enabled == 0u) return -2.0;
   float masked = states[candidate].sums[4 * 14 + 2], visible = states[candidate].sums[4 * 14 + 1];
   float cost = states[candidate].sums[4 * 14];
-  bool usable = masked > 0.0 && visible >= push.min_visible * masked && cost < 1e30;  // false for NaN
+  bool usable = masked > 0.0 && visible >= push.min_visible * masked && is_finite(cost) && cost < 1e30;
   return usable ? correlation_of(candidate) : -2.0;
 }
 

@@ -5,11 +5,19 @@ layout(constant_id = 1) const bool HALF = false;
 layout(set = 0, binding = OUT_BINDING, std430) writeonly buffer Out { vec4 texels[]; };
 layout(set = 0, binding = OUT_BINDING, std430) writeonly buffer HalfOut { uvec2 half_texels[]; };
 
+// To the nearest half, ties to even: how packHalf2x16 rounds is the driver's affair, and some cut off.
+vec4 rounded_to_half(vec4 value) {
+  uvec4 bits = floatBitsToUint(value);
+  return uintBitsToFloat((bits + 0xfffu + ((bits >> 13) & 1u)) & ~0x1fffu);
+}
+
 void put(uint at, vec4 value) {
-  if (HALF)
+  if (HALF) {
+    value = rounded_to_half(value);
     half_texels[at] = uvec2(packHalf2x16(value.xy), packHalf2x16(value.zw));
-  else
+  } else {
     texels[at] = value;
+  }
 }
 
 #ifdef IN_BINDING

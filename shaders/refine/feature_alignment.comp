@@ -70,7 +70,7 @@ Template make_template(MapView f0, vec2 c0, mat2 A_inverse) {
   t.STT = a.x;
   t.B0 = b.xy;
   t.B1 = b.zw;
-  if (!(t.STT > 0.0)) return t;
+  if (!is_finite(t.STT) || t.STT <= 0.0) return t;
   // T has no mean, so the block of (gain, bias) is diagonal: [STT, AREA].
   vec3 S = a.yzw - vec3(t.B0.x * t.B0.x, t.B0.x * t.B0.y, t.B0.y * t.B0.y) / t.STT -
            vec3(t.B1.x * t.B1.x, t.B1.x * t.B1.y, t.B1.y * t.B1.y) / AREA;
@@ -145,7 +145,7 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
       break;
     }
     float size = length(s.step);
-    if (!(s.gain > 0.0) || !is_finite(size)) break;
+    if (!is_finite(size) || s.gain <= 0.0) break;
     // A step beyond a pixel leaves the range of the linearisation: its direction is kept, its length is not.
     f.uv1 += s.step * min(1.0, 1.0 / max(size, 1e-12));
     if (length(f.uv1 - start) > max_motion) break;
@@ -171,7 +171,7 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
   f.bias = s.bias;
   f.correlation = s.correlation;
   if (f.status != ALIGNED) return f;
-  if (!(s.correlation >= push.min_correlation)) {
+  if (s.correlation < push.min_correlation) {
     f.status = BAD_MATCH;
     return f;
   }
@@ -204,7 +204,7 @@ Feature align_feature(FeatureInfo feature, FeatureTask task) {
   Template t0 = make_template(map_view(task.reference, 0), uv0, w.A_inverse);
   if (!t0.inside) return f;
   f.status = LOW_TEXTURE;
-  if (!(t0.texture > push.min_texture)) return f;
+  if (!is_finite(t0.texture) || t0.texture <= push.min_texture) return f;
   MapView f1 = map_view(task.pair, 0);
   bool coarse_first = push.coarse_start == ALWAYS;
   Feature first = f;
@@ -217,7 +217,7 @@ Feature align_feature(FeatureInfo feature, FeatureTask task) {
   bool found = false;
   if (push.level_count > 1u) {
     Template t1 = make_template(map_view(task.reference, 1), 0.5 * uv0 - 0.25, w.A_inverse);
-    if (t1.inside && t1.texture > push.min_texture) {
+    if (t1.inside && is_finite(t1.texture) && t1.texture > push.min_texture) {
       Feature coarse = align_level(map_view(task.pair, 1), t1, 0.5 * projected - 0.25, 0.5 * push.max_motion);
       found = coarse.status == ALIGNED;
       if (found) {

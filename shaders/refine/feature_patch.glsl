@@ -1,9 +1,11 @@
 // Patches of features and where a pose takes them: what feature_alignment.comp and colour_sums.comp share. One feature a
 // workgroup, one row of its 8x8 patch an invocation.
 #include "shared.h"
+#include "refine/refine.h"
 #include "texels.glsl"
 #include "align/level.glsl"
 #include "se3.glsl"
+#include "refine/warp.glsl"
 layout(local_size_x = ICLK_PATCH) in;
 
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
@@ -72,30 +74,6 @@ float bilinear0(MapView m, vec2 p) {
   return mix(left_right.x, left_right.y, f.x);
 }
 
-bool is_finite(float x) { return abs(x) <= 3.0e38; }
-
-// Where a feature's neighbourhood goes: warp_patch() of refine/feature_alignment.h.
-struct PatchWarp {
-  vec2 uv1;        // 0 behind the camera
-  mat2 A_inverse;  // du0 / du1
-  bool valid;
-};
-
 PatchWarp warp_patch(FeatureInfo feature, FeatureTask task) {
-  PatchWarp w;
-  w.uv1 = vec2(0.0);
-  w.valid = false;
-  ReferenceInfo r = references[task.reference];
-  Pose T_10 = pose_of(task.pose);
-  vec2 focal = vec2(r.fx, r.fy), principal = vec2(r.cx, r.cy), uv0 = vec2(feature.u, feature.v);
-  vec3 p = T_10.R * vec3((uv0 - principal) / focal, 1.0) + feature.inverse_depth * T_10.t;
-  if (!(p.z > ICLK_LEAST_DEPTH)) return w;
-  w.uv1 = p.xy / p.z * focal + principal;
-  // A = d(u1)/d(ray) d(ray)/d(u0), by columns.
-  vec3 X = T_10.R[0] / focal.x, Y = T_10.R[1] / focal.y;
-  mat2 A = mat2((X.xy - p.xy * (X.z / p.z)) / p.z * focal, (Y.xy - p.xy * (Y.z / p.z)) / p.z * focal);
-  float det = determinant(A);
-  w.valid = det > 1.0 / 16.0 && det < 16.0 && is_finite(w.uv1.x) && is_finite(w.uv1.y);
-  w.A_inverse = mat2(A[1].y, -A[0].y, -A[1].x, A[0].x) / det;
-  return w;
+  return warp_patch(feature, references[task.reference], pose_of(task.pose));
 }

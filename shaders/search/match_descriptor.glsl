@@ -3,6 +3,7 @@
 // places apart as well as the correlation of all 64 values does (docs/design.md). Rows are added from above.
 // Texel n: horizontal frequencies of vertical frequency n, 1 to 4 of 0 and 0 to 3 of 1 and 2; of 3: 0 to 2, then
 // frequency 0 of 4.
+#include "finite.glsl"
 
 struct Descriptor {
   vec4 t0, t1, t2, t3;
@@ -51,7 +52,7 @@ void normalise_descriptor(inout Descriptor d) {
   d.t2 *= vec4(1.41421356, 1.49534878, 1.68179283, 1.89882892);
   d.t3 *= vec4(1.73205081, 1.77827941, 1.89882892, 2.0);
   float size = dot(d.t0, d.t0) + dot(d.t1, d.t1) + dot(d.t2, d.t2) + dot(d.t3, d.t3);
-  bool textured = size >= ICLK_MATCH_LEAST * ICLK_MATCH_LEAST && size < 1e30;  // false for NaN
+  bool textured = size >= ICLK_MATCH_LEAST * ICLK_MATCH_LEAST && is_finite(size) && size < 1e30;
   float scale = textured ? inversesqrt(size) : 0.0;
   d.t0 = textured ? d.t0 * scale : vec4(0.0);
   d.t1 = textured ? d.t1 * scale : vec4(0.0);

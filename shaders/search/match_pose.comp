@@ -8,6 +8,7 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
 #include "texels.glsl"
+#include "finite.glsl"
 layout(local_size_x = ICLK_MATCH_GROUP) in;
 layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 1, std430) buffer Pairs { PairInfo pairs[]; };
@@ -68,7 +69,8 @@ Pose refined(MatchView view, Pose T) {
     xi[i] = s * L[7 * i];
   }
   vec3 rho = vec3(xi[0], xi[1], xi[2]), phi = vec3(xi[3], xi[4], xi[5]);
-  if (!ok || !(dot(rho, rho) + dot(phi, phi) < 1.0)) return T;
+  float size = dot(rho, rho) + dot(phi, phi);
+  if (!ok || !is_finite(size) || size >= 1.0) return T;
   Pose moved = compose(se3_exp(rho, phi), T);
   moved.R = orthonormalized(moved.R);
   return moved;

@@ -1,6 +1,7 @@
 // The pose from three points and the rays that see them: Lambda Twist (Persson and Nordberg, ECCV 2018), the same steps as
 // align/search/p3p.cpp in single precision. Up to four solutions; a triple that determines nothing has none, or ones that are
 // not finite. Needs se3.glsl.
+#include "finite.glsl"
 
 // Roots of x^2 + b x + c.
 vec2 square_roots(float b, float c) {
@@ -79,7 +80,7 @@ int p3p_distances(vec3 y1, vec3 y2, vec3 y3, float a12, float a13, float a23, ou
                     2.0 * l.y + b12 * l.x, 0.0, 2.0 * l.y + b23 * l.z,
                     0.0, 2.0 * l.z + b13 * l.x, 2.0 * l.z + b23 * l.y);
       vec3 step = inverse(J) * r;
-      l -= dot(step, step) < 1e30 ? step : vec3(0.0);
+      l -= is_finite(dot(step, step)) ? step : vec3(0.0);
     }
     solutions[k] = l;
   }

@@ -253,8 +253,12 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
     host.end();
     host.submit_and_wait();
     const Alignment a = recording->read().at(0);
-    EXPECT_STREQ(name(a.status), name(c.status)) << a.reason;
-    EXPECT_EQ(results[0].status, static_cast<uint32_t>(c.status)) << name(c.status);
+    // Where a target that is unrelated leads depends on the last bits, and so on the size of a device's workgroups.
+    if (c.target == &unrelated)
+      EXPECT_TRUE(a.status == Status::diverged || a.status == Status::low_overlap) << name(a.status) << a.reason;
+    else
+      EXPECT_STREQ(name(a.status), name(c.status)) << a.reason;
+    EXPECT_EQ(results[0].status, static_cast<uint32_t>(a.status)) << name(c.status);
     if (a.covariance != Matrix6d::Zero()) expect_agrees(results[0], a);
   }
 }

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <iclk/engine/error.h>
+#include <iclk/engine/recorder.h>
 
 #include "kernels.h"
 
@@ -43,6 +44,32 @@ TEST(Memory, BuffersDoNotOverlap) {
     EXPECT_EQ(buffer.size % 16, 0u);
     EXPECT_TRUE(std::all_of(buffer.as<uint8_t>(), buffer.as<uint8_t>() + buffer.size, [&](uint8_t v) { return v == i + 1; }))
         << i;
+  }
+}
+
+TEST(Memory, TablesAreWhatTheHostWrote) {
+  ICLK_NEED_DEVICE();
+  MemoryPlan plan;
+  const BufferId first = plan.add("first", 4000, MemoryKind::table, BufferUse::storage);
+  const BufferId second = plan.add("second", 64, MemoryKind::table, BufferUse::storage);
+  const BufferId seen = plan.add("seen", 4000, MemoryKind::readback, BufferUse::transfer);
+  const Workspace memory(device(), plan);
+  EXPECT_EQ(memory.bytes(), plan.bytes(*device()));
+  EXPECT_EQ(memory[first].twin == VK_NULL_HANDLE, device()->unified_memory());
+  EXPECT_GE(memory.bytes().device, 4064u);
+  std::fill_n(memory[second].as<uint8_t>(), 64, uint8_t{9});
+  for (uint32_t round = 1; round < 3; ++round) {
+    for (uint32_t i = 0; i < 1000; ++i) memory[first].as<uint32_t>()[i] = round * i;
+    Submission submission(device());
+    DescriptorArena arena(device(), {});
+    Recorder recorder(submission, arena);
+    recorder.upload(memory[second], 0, 64);
+    recorder.upload(memory[first], 0, 4000);
+    recorder.copy(memory[first], memory[seen], 4000);
+    recorder.host_read({&memory[seen]});
+    submission.end();
+    submission.submit_and_wait();
+    for (uint32_t i = 0; i < 1000; ++i) ASSERT_EQ(memory[seen].as<uint32_t>()[i], round * i);
   }
 }
 

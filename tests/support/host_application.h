@@ -35,6 +35,11 @@ class Application {
     VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO};
     info.queueCreateInfoCount = 1;
     info.pQueueCreateInfos = &queue_info;
+    const std::vector<std::string> enabled = extensions_to_enable(requirements(), capabilities_of(vk, physical));
+    std::vector<const char*> extensions;
+    for (const std::string& extension : enabled) extensions.push_back(extension.c_str());
+    info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
+    info.ppEnabledExtensionNames = extensions.data();
     check(vk.CreateDevice(physical, &info, nullptr, &device), "vkCreateDevice");
     functions = load_device_functions(vk.GetDeviceProcAddr, device);
     load(create_image, "vkCreateImage");

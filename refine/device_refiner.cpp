@@ -1,0 +1,200 @@
+#include <iclk/refine/device_refiner.h>
+
+#include <algorithm>
+#include <limits>
+
+#include <iclk/align/device/parts.h>
+#include <iclk/engine/error.h>
+#include <iclk/refine/internal/device_features.h>
+#include <iclk/refine/internal/device_pose.h>
+#include <iclk/refine/internal/reprojection.h>
+#include <iclk/refine/internal/verdict.h>
+
+namespace iclk {
+namespace {
+
+SE3 unpack_pose(const float* m) {
+  SE3 T;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) T.R(i, j) = m[4 * i + j];
+    T.t(i) = m[4 * i + 3];
+  }
+  if (T.R.allFinite()) T.orthonormalize();
+  return T;
+}
+
+RefinedAlignment unpack(const shaders::RefinedInfo& info, const shaders::AlignedInfo* found, Alignment iclk,
+                        const std::vector<double>& inverse_depth, const RefinerOptions& options) {
+  RefinedAlignment r;
+  r.T_10 = iclk.T_10;
+  r.status = iclk.status;
+  r.reason = iclk.reason;
+  r.inverse_depth = inverse_depth;
+  r.stages.push_back({"iclk", iclk.T_10, iclk.cost, 0});
+  r.iclk = std::move(iclk);
+  if (info.rounds == 0) return r;
+  for (size_t i = 0; i < inverse_depth.size(); ++i) r.features.push_back(internal::unpack_feature(found[i]));
+  internal::Evidence e;
+  e.visible = static_cast<int>(info.visible);
+  e.candidates = static_cast<int>(info.candidates);
+  e.aligned = static_cast<int>(info.aligned);
+  e.inliers = static_cast<int>(info.inliers);
+  e.rounds = static_cast<int>(info.rounds);
+  e.sigma = info.sigma;
+  e.correction = info.correction;
+  e.pose_status = static_cast<Status>(info.pose_status);
+  e.pose_reason = internal::inliers_text(e.inliers, static_cast<int>(info.used), options.pose);
+  r.reason = internal::judge(e, r.features, {}, options).reason;
+  r.status = static_cast<Status>(info.status);
+  r.refined = info.refined != 0;
+  r.rounds = e.rounds;
+  r.visible = e.visible;
+  r.aligned = e.aligned;
+  r.inliers = e.inliers;
+  r.sigma = e.sigma;
+  for (int i = 0; i < 36; ++i) r.covariance(i / 6, i % 6) = info.covariance[i];
+  if (r.refined) {
+    r.T_10 = unpack_pose(info.pose);
+  } else if (usable(r.status)) {  // ICLK's own stands
+    r.reason = r.iclk.reason + "; not refined: " + r.reason;
+    r.features.clear();  // what was found is not where the pose puts it
+  }
+  r.stages.push_back({"pose", r.T_10, 0, 0});
+  return r;
+}
+
+class DeviceRecording : public DeviceRefiner::Recording {
+ public:
+  DeviceRecording(DeviceAligner& aligner, const RefinerOptions& options, int max_pairs, const engine::ArenaSize& arena_size)
+      : alignment(aligner.make_recording(max_pairs)),
+        options(options),
+        max_features(static_cast<size_t>(aligner.plan().max_features)),
+        max_pairs(max_pairs),
+        ids(max_pairs, aligner.plan().max_features, aligner.context()->unified_memory()),
+        memory(aligner.context(), ids.plan),
+        arena(aligner.context(), arena_size) {}
+
+  const engine::Buffer& results() const override { return memory[ids.refined]; }
+  const engine::Buffer& features() const override { return memory[ids.aligned]; }
+
+  std::vector<RefinedAlignment> read() const override {
+    std::vector<Alignment> iclk = alignment->read();
+    const auto* info = memory[ids.refined_read.value_or(ids.refined)].as<const shaders::RefinedInfo>();
+    const auto* found = memory[ids.aligned_read.value_or(ids.aligned)].as<const shaders::AlignedInfo>();
+    std::vector<RefinedAlignment> results;
+    for (size_t i = 0; i < iclk.size(); ++i)
+      results.push_back(unpack(info[i], found + i * max_features, std::move(iclk[i]), inverse_depths[i], options));
+    return results;
+  }
+
+  std::unique_ptr<DeviceAligner::Recording> alignment;
+  RefinerOptions options;
+  size_t max_features;
+  int max_pairs;
+  internal::PoseBuffers ids;
+  engine::Workspace memory;
+  engine::DescriptorArena arena;
+  std::vector<std::vector<double>> inverse_depths;  // of each pair's reference when it was recorded
+};
+
+}  // namespace
+
+struct DeviceRefiner::Impl {
+  Impl(DeviceAligner& aligner, const RefinerOptions& options)
+      : aligner(aligner),
+        options(checked(aligner, options)),
+        feature_alignment(aligner.context(), internal::feature_alignment_kernel()),
+        pose(aligner.context(), options, aligner.plan().width, aligner.plan().height),
+        grey(internal::DeviceParts::make_grey_maps(aligner, false)) {
+    arena_size.add(feature_alignment);
+    pose.add_to(arena_size);
+    grey->add_to(arena_size);
+  }
+
+  static const RefinerOptions& checked(const DeviceAligner& aligner, const RefinerOptions& options) {
+    options.check();
+    if (options.structure)
+      throw Error(ErrorCode::invalid_argument, "structure is refined on the host: use Refiner, or set structure = false");
+    if (aligner.plan().max_features > ICLK_REFINE_FEATURES)
+      throw Error(ErrorCode::unsupported, "a plan of " + std::to_string(aligner.plan().max_features) +
+                                              " features; in a command buffer at most " + std::to_string(ICLK_REFINE_FEATURES) +
+                                              " a pair are refined");
+    return options;
+  }
+
+  /// What the host says of pair `index`: its features, in their place, and where they begin.
+  void pack(DeviceRecording& r, const DevicePair& pair, uint32_t index) const {
+    const Features& list = aligner.features(pair.reference);
+    const std::vector<FeatureCheck>& checks = aligner.checks(pair.reference);
+    const uint32_t first = index * static_cast<uint32_t>(r.max_features);
+    auto* to = r.memory[r.ids.features].as<shaders::FeatureInfo>() + first;
+    for (size_t i = 0; i < checks.size(); ++i) to[i] = internal::pack_feature(list, i, checks[i] == FeatureCheck::ok);
+    r.memory[r.ids.pairs].as<shaders::RefinePair>()[index] = {static_cast<uint32_t>(pair.reference), index, first,
+                                                              static_cast<uint32_t>(checks.size()),
+                                                              static_cast<float>(internal::unit_of(list))};
+    r.inverse_depths.push_back(list.inverse_depth);
+  }
+
+  DeviceAligner& aligner;
+  RefinerOptions options;
+  engine::Kernel feature_alignment;
+  internal::DevicePose pose;
+  std::unique_ptr<internal::GreyMaps> grey;
+  engine::ArenaSize arena_size;
+};
+
+DeviceRefiner::DeviceRefiner(DeviceAligner& aligner, const RefinerOptions& options)
+    : impl_(std::make_unique<Impl>(aligner, options)) {}
+
+DeviceRefiner::~DeviceRefiner() = default;
+
+std::unique_ptr<DeviceRefiner::Recording> DeviceRefiner::make_recording(int max_pairs) {
+  return std::make_unique<DeviceRecording>(impl_->aligner, impl_->options, max_pairs, impl_->arena_size);
+}
+
+void DeviceRefiner::record(Recording& base, VkCommandBuffer commands, std::span<const DeviceReference> references,
+                           std::span<const DevicePair> pairs) {
+  const Impl& m = *impl_;
+  auto* r = dynamic_cast<DeviceRecording*>(&base);
+  if (!r) throw Error(ErrorCode::invalid_argument, "the recording was not made by DeviceRefiner::make_recording");
+  m.aligner.record(*r->alignment, commands, references, pairs);
+
+  r->arena.reset();
+  r->inverse_depths.clear();
+  const auto n = static_cast<uint32_t>(pairs.size());
+  std::vector<int> slots;
+  std::vector<internal::GreyTarget> targets;
+  uint32_t features = 0;
+  for (uint32_t i = 0; i < n; ++i) {
+    m.pack(*r, pairs[i], i);
+    slots.push_back(pairs[i].reference);
+    targets.push_back({static_cast<int>(i)});
+    features = std::max(features, static_cast<uint32_t>(m.aligner.checks(pairs[i].reference).size()));
+  }
+  const auto at = [&](engine::BufferId id) -> const engine::Buffer* { return &r->memory[id]; };
+  engine::Recorder recorder(*m.aligner.context(), commands, r->arena);
+  recorder.upload(*at(r->ids.pairs), 0, sizeof(shaders::RefinePair) * n);
+  recorder.upload(*at(r->ids.features), 0, sizeof(shaders::FeatureInfo) * n * r->max_features);
+  const internal::DeviceMaps maps = m.grey->record(recorder, slots, targets);
+  const auto push = internal::feature_alignment_push(m.options.feature_alignment, maps);
+  const engine::Buffer& iclk = r->alignment->results();
+  m.pose.start(recorder, r->ids, r->memory, iclk, n);
+  for (int round = 0; round < m.options.rounds; ++round) {
+    recorder.stage("feature_alignment");
+    recorder.dispatch(m.feature_alignment,
+                      {maps.levels, maps.references, at(r->ids.tasks), at(r->ids.features), maps.fine0, maps.fine1, maps.maps0,
+                       maps.maps1, at(r->ids.aligned)},
+                      push, {features, n, 1});
+    m.pose.round(recorder, r->ids, r->memory, *maps.references, n);
+  }
+  m.pose.verdict(recorder, r->ids, r->memory, *maps.references, iclk, n);
+  if (r->ids.refined_read) {
+    recorder.copy(*at(r->ids.refined), *at(*r->ids.refined_read), sizeof(shaders::RefinedInfo) * n);
+    recorder.copy(*at(r->ids.aligned), *at(*r->ids.aligned_read), sizeof(shaders::AlignedInfo) * n * r->max_features);
+  }
+  recorder.host_read({at(r->ids.refined_read.value_or(r->ids.refined)), at(r->ids.aligned_read.value_or(r->ids.aligned))});
+  recorder.publish({at(r->ids.refined), at(r->ids.aligned)});
+  recorder.finish();
+}
+
+}  // namespace iclk

@@ -1,0 +1,19 @@
+#pragma once
+// The kernel of feature alignment: what DeviceFeatureAligner and DeviceRefiner share.
+#include <iclk/align/device/parts.h>
+#include <iclk/engine/kernel.h>
+#include <iclk/refine/feature_alignment.h>
+#include <iclk/shaders/refine/refine.h>
+#include <iclk/shaders/shared.h>
+
+namespace iclk::internal {
+
+/// Bindings: levels, references, tasks, features, fine0, fine1, maps0, maps1, aligned.
+engine::KernelDescription feature_alignment_kernel();
+shaders::FeatureAlignmentPush feature_alignment_push(const FeatureAlignmentOptions& options, const DeviceMaps& maps);
+
+/// A feature as kernels take it; `ok`: FeatureCheck. Without a sigma of its depth: 0.
+shaders::FeatureInfo pack_feature(const Features& features, size_t index, bool ok);
+AlignedFeature unpack_feature(const shaders::AlignedInfo& info);
+
+}  // namespace iclk::internal

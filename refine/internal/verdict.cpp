@@ -1,0 +1,48 @@
+#include <iclk/refine/internal/verdict.h>
+
+#include <algorithm>
+#include <cmath>
+#include <sstream>
+
+namespace iclk::internal {
+
+Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const Recolouring& recolouring,
+              const RefinerOptions& options) {
+  std::ostringstream why;
+  const auto end = [&](Status status, bool compatible = true) { return Verdict{status, why.str(), compatible}; };
+  if (e.candidates < options.min_inliers && e.inliers < options.min_inliers) {
+    why << e.candidates << " features with texture inside the target, " << options.min_inliers << " needed; "
+        << summary(features);
+    return end(Status::too_few_features);
+  }
+  const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(options.min_inlier_share * e.candidates)));
+  if (e.inliers < needed) {
+    why << "the features do not confirm the pose: " << e.inliers << " agree on it, " << needed << " of " << e.candidates
+        << " with texture inside the target needed; " << summary(features);
+    return end(Status::diverged);
+  }
+  if (!usable(e.pose_status)) {
+    why << "pose refinement: " << e.pose_reason;
+    return end(e.pose_status);
+  }
+  if (!(e.correction <= options.max_correction)) {
+    why << "refinement moved the features by " << e.correction << " px (median), more than the " << options.max_correction
+        << " px that it may correct";
+    return end(Status::diverged, false);
+  }
+  why << e.aligned << " of " << e.visible << " visible features aligned, " << e.inliers << " agree on the pose, residual sigma "
+      << e.sigma << " px, " << e.rounds << (e.rounds == 1 ? " round" : " rounds");
+  if (const GreyWeights& w = recolouring.weights; recolouring.better())
+    why << ", the target in the grey values " << w[0] << " R " << std::showpos << w[1] << " G " << w[2] << " B"
+        << std::noshowpos;
+  if (e.pose_status == Status::max_iterations) why << "; " << e.pose_reason;
+  return end(e.pose_status);
+}
+
+std::string inliers_text(int inliers, int used, const PoseOptions& options) {
+  std::ostringstream text;
+  text << inliers << " of " << used << " features within " << options.inlier_distance << " px";
+  return text.str();
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,169 @@
+#version 460
+// One round's pose for each pair: refine_pose() of refine/pose.h in single precision, its covariance aside. Levenberg-Marquardt
+// over the reprojection errors of the aligned features under Cauchy's loss: once with sigma_0 as given, then with what the
+// residuals say of themselves.
+// Inputs: features and where feature alignment found them. Outputs: states, and the tasks of the next round: none for a pair
+// that stands still.
+// Groups: (pairs, 1, 1).
+#extension GL_GOOGLE_include_directive : require
+#extension GL_EXT_control_flow_attributes : require
+#include "refine/observations.glsl"
+layout(set = 0, binding = 6, std430) buffer Tasks { FeatureTask tasks[]; };
+#include "refine/solve.glsl"
+#include "refine/position_errors.glsl"
+
+// log(1 + x), x >= 0, without the rounding of 1 + x.
+float log1p(float x) {
+  if (x > 0.25) return log(1.0 + x);
+  float y = x / (2.0 + x), y2 = y * y;
+  return 2.0 * y * (1.0 + y2 * (1.0 / 3.0 + y2 * (1.0 / 5.0 + y2 * (1.0 / 7.0 + y2 / 9.0))));
+}
+
+// Sums into totals[]: the triangle of J^T w J, from 21 J^T w r, 27 the cost, which it returns.
+float evaluate(Pose T, float scale) {
+  float s[SUMS];
+  clear(s);
+  EACH_FEATURE(i) {
+    if (observations[i].used == 0u) continue;
+    FeatureInfo f = feature_at(i);
+    Projection x = project(f, T);
+    vec2 r;
+    float square = square_of(i, x, r);
+    if (!x.in_front) {
+      s[27] = INFINITE;  // the step is taken back
+      continue;
+    }
+    float ratio = square / (scale * scale), w = 1.0 / (1.0 + ratio);
+    vec3 W = W_of(i);
+    vec2 white = whitened(W, r);
+    Rows J = whitened(W, jacobian(x, f.inverse_depth, T));
+    add_products(s, w, J.u, J.u);
+    add_products(s, w, J.v, J.v);
+    [[unroll]] for (int k = 0; k < 6; ++k) s[21 + k] += w * (J.u[k] * white.x + J.v[k] * white.y);
+    s[27] += 0.5 * scale * scale * log1p(ratio);
+  }
+  sum(s);
+  return s[27];
+}
+
+// The damped step from the sums of the accepted pose, in columns[0..5]. Its size in px; below 0: there is none.
+float propose(float damping) {
+  if (lane < 6u) columns[lane] = -matrix[21u + lane];
+  factorise(damping, ICLK_LEAST_PIVOT);
+  solve(1u);
+  vec3 rho = vec3(columns[0], columns[1], columns[2]), phi = vec3(columns[3], columns[4], columns[5]);
+  float size = max(abs(reference.fx), abs(reference.fy)) * (length(rho) + length(phi));
+  return positive && is_finite(size) ? size : -1.0;
+}
+
+// From T; the status says whether the steps died out. One place evaluates and one solves: what is inlined once compiles soon.
+Pose minimise(Pose T, float scale, out uint status, out float cost) {
+  float damping = 1e-4, growth = 2.0, size = 0.0;
+  Pose next = T;
+  status = MAX_ITERATIONS;
+  cost = INFINITE;
+  [[dont_unroll]] for (uint n = 0u; n <= push.iterations; ++n) {
+    float found = evaluate(next, scale), gain = cost - found;
+    bool better = n == 0u ? is_finite(found) : found <= cost;
+    if (n == 0u && !better) status = DIVERGED;
+    if (better) {
+      T = next;
+      cost = found;
+      keep_totals();
+      if (n > 0u) damping = max(damping / 3.0, 1e-7);
+      growth = 2.0;
+    } else {
+      damping *= growth;
+      growth *= 2.0;
+    }
+    // A step of so little, or no way down: what is left of the gradient is rounding.
+    if (n > 0u && (size < 1e-4 || (better && gain <= 1e-7 * cost) || damping > 1e6)) status = CONVERGED;
+    if (status != MAX_ITERATIONS || n == push.iterations) break;
+    size = propose(damping);
+    if (size < 0.0) {
+      status = DIVERGED;
+      break;
+    }
+    next = compose(T, se3_exp(vec3(columns[0], columns[1], columns[2]), vec3(columns[3], columns[4], columns[5])));
+    next.R = orthonormalized(next.R);
+  }
+  return T;
+}
+
+// Sets W anew at T.
+void whiten(Pose T, float floor, float depth) {
+  EACH_FEATURE(i) {
+    if (observations[i].used == 0u) continue;
+    FeatureInfo f = feature_at(i);
+    vec2 along = (f.relative_sigma > 0.0 ? f.relative_sigma : depth) * along_epipolar(project(f, T), f.inverse_depth, T);
+    vec3 W = whitening(vec3(aligned[i].covariance_uu, aligned[i].covariance_uv, aligned[i].covariance_vv) +
+                           vec3(along.x * along.x, along.x * along.y, along.y * along.y), floor);
+    observations[i].W_uu = W.x;
+    observations[i].W_uv = W.y;
+    observations[i].W_vv = W.z;
+  }
+}
+
+// How many observations take part at T.
+float observe(Pose T) {
+  float s[SUMS];
+  clear(s);
+  EACH_FEATURE(i) {
+    FeatureInfo f = feature_at(i);
+    vec3 C = vec3(aligned[i].covariance_uu, aligned[i].covariance_uv, aligned[i].covariance_vv);
+    bool used = f.inverse_depth > 0.0 && aligned[i].status == ALIGNED && project(f, T).in_front;
+    used = used && is_finite(aligned[i].u + aligned[i].v) && is_finite(C.x + C.y + C.z);
+    observations[i].used = used ? 1u : 0u;
+    if (used) s[0] += 1.0;
+  }
+  sum(s);
+  return s[0];
+}
+
+void main() {
+  uint index = gl_WorkGroupID.x;
+  begin(index);
+  bool first_round = states[index].rounds == 0u;
+  if (tasks[index].feature_count == 0u) return;
+  Pose T = scaled(pose_of(tasks[index].pose), pair.unit), start = T;
+  uint status = TOO_FEW_FEATURES;
+  float used = observe(T), floor = push.sigma, depth = 0.0, cost = 0.0, inliers = 0.0;
+  // Once with sigma_0 as given, then with what the residuals say of themselves.
+  [[dont_unroll]] for (int pass = 0; pass < 2 && used >= float(push.min_features); ++pass) {
+    if (pass == 1 && status != DIVERGED) {
+      vec2 errors = position_errors(T);
+      floor = errors.x;
+      depth = errors.y;
+    }
+    whiten(T, floor, depth);
+    Pose found = minimise(T, push.cauchy_scale * floor, status, cost);
+    if (pass == 1 || status != DIVERGED) T = found;
+  }
+
+  // Who agrees, how far it moved, and whether the same features are aligned as in the round before.
+  float s[SUMS];
+  clear(s);
+  float farthest = 0.0;
+  EACH_FEATURE(i) {
+    FeatureInfo f = feature_at(i);
+    uint is_aligned = aligned[i].status == ALIGNED ? 1u : 0u;
+    if (!first_round && observations[i].was_aligned != is_aligned) s[1] += 1.0;
+    observations[i].was_aligned = is_aligned;
+    if (!(f.inverse_depth > 0.0)) continue;
+    PatchWarp a = warp_patch(f, reference, start), b = warp_patch(f, reference, T);
+    farthest = max(farthest, a.valid && b.valid ? length(b.uv1 - a.uv1) : INFINITE);
+    if (observations[i].used != 0u && is_near(i, T, push.inlier_distance)) s[0] += 1.0;
+  }
+  s[2] = farthest > push.round_tolerance ? 1.0 : 0.0;
+  sum(s);
+  inliers = s[0];
+  if (status != TOO_FEW_FEATURES && status != DIVERGED &&
+      (inliers < push.pose_inlier_share * used || inliers < float(push.min_features))) status = DIVERGED;
+  if (lane != 0u) return;
+  states[index] = RefineState(floats_of(T), floor, depth, used > 0.0 ? cost / used : 0.0, uint(used), uint(inliers), status,
+                              states[index].rounds + 1u);
+  // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
+  bool moving = inliers >= float(push.min_features) && (s[2] > 0.0 || s[1] > 0.0);
+  if (moving) tasks[index].pose = floats_of(scaled(T, 1.0 / pair.unit));
+  else tasks[index].feature_count = 0u;
+}

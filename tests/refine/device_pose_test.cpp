@@ -1,0 +1,295 @@
+// refine_pose.comp and refine_verdict.comp against refine_pose(), which Ceres solves in double precision.
+#include <cmath>
+#include <cstring>
+
+#include <gtest/gtest.h>
+#include <Eigen/LU>
+
+#include <iclk/engine/submission.h>
+#include <iclk/refine/internal/device_features.h>
+#include <iclk/refine/internal/device_pose.h>
+#include <iclk/refine/internal/reprojection.h>
+#include <iclk/refine/internal/uncertainty.h>
+
+#include "correspondences.h"
+#include "device.h"
+
+namespace iclk {
+namespace {
+
+using test::Scene;
+
+/// A pair as feature alignment would leave it, started at `T_10`.
+struct Case {
+  Camera camera;
+  Features features;
+  std::vector<AlignedFeature> aligned;
+  SE3 T_10;
+  Matrix6d iclk_covariance = Matrix6d::Identity();
+};
+
+struct Outcome {
+  shaders::RefinedInfo info;
+  shaders::RefineState state;
+  shaders::FeatureTask task;  ///< of the next round
+  SE3 T_10;
+  Matrix6d covariance;
+};
+
+void pack_pose(const SE3& T, float* m) {
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) m[4 * i + j] = static_cast<float>(T.R(i, j));
+    m[4 * i + 3] = static_cast<float>(T.t(i));
+  }
+}
+
+std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& options = {}) {
+  using engine::BufferUse;
+  using engine::MemoryKind;
+  const auto context = test::device();
+  const size_t n = cases.size();
+  int most = 1;
+  for (const Case& c : cases) most = std::max(most, c.features.size());
+  const auto stride = static_cast<size_t>(most);
+  const internal::PoseBuffers ids(static_cast<int>(n), most, context->unified_memory());
+  const engine::Workspace memory(context, ids.plan);
+  engine::MemoryPlan more;
+  const auto references = more.add("references", sizeof(shaders::ReferenceInfo) * n, MemoryKind::upload, BufferUse::storage);
+  const auto iclk = more.add("results", sizeof(shaders::ResultInfo) * n, MemoryKind::upload, BufferUse::storage);
+  const auto found = more.add("aligned", sizeof(shaders::AlignedInfo) * n * stride, MemoryKind::upload, BufferUse::transfer);
+  const auto refined = more.add("refined", sizeof(shaders::RefinedInfo) * n, MemoryKind::readback, BufferUse::transfer);
+  const auto states = more.add("states", sizeof(shaders::RefineState) * n, MemoryKind::readback, BufferUse::transfer);
+  const auto tasks = more.add("tasks", sizeof(shaders::FeatureTask) * n, MemoryKind::readback, BufferUse::transfer);
+  const engine::Workspace host(context, more);
+  for (size_t i = 0; i < n; ++i) {
+    const Case& c = cases[i];
+    const auto first = static_cast<uint32_t>(i * stride), count = static_cast<uint32_t>(c.features.size());
+    const auto checks = check_features(c.features, c.camera);
+    for (size_t k = 0; k < count; ++k) {
+      memory[ids.features].as<shaders::FeatureInfo>()[first + k] =
+          internal::pack_feature(c.features, k, checks[k] == FeatureCheck::ok);
+      const AlignedFeature& a = c.aligned[k];
+      host[found].as<shaders::AlignedInfo>()[first + k] = {static_cast<float>(a.uv1.x()),
+                                                           static_cast<float>(a.uv1.y()),
+                                                           static_cast<float>(a.covariance(0, 0)),
+                                                           static_cast<float>(a.covariance(0, 1)),
+                                                           static_cast<float>(a.covariance(1, 1)),
+                                                           1,
+                                                           0,
+                                                           1,
+                                                           1,
+                                                           static_cast<uint32_t>(a.status)};
+    }
+    memory[ids.pairs].as<shaders::RefinePair>()[i] = {static_cast<uint32_t>(i), static_cast<uint32_t>(i), first, count,
+                                                      static_cast<float>(internal::unit_of(c.features))};
+    host[references].as<shaders::ReferenceInfo>()[i] = {static_cast<float>(c.camera.fx),
+                                                        static_cast<float>(c.camera.fy),
+                                                        static_cast<float>(c.camera.cx),
+                                                        static_cast<float>(c.camera.cy),
+                                                        static_cast<float>(internal::unit_of(c.features)),
+                                                        0,
+                                                        count};
+    shaders::ResultInfo result{};
+    pack_pose(c.T_10, result.pose);
+    for (int k = 0; k < 36; ++k) result.covariance[k] = static_cast<float>(c.iclk_covariance(k / 6, k % 6));
+    host[iclk].as<shaders::ResultInfo>()[i] = result;
+  }
+  const internal::DevicePose pose(context, options, cases[0].camera.width, cases[0].camera.height);
+  engine::ArenaSize size;
+  pose.add_to(size);
+  engine::DescriptorArena arena(context, size);
+  engine::Submission submission(context);
+  engine::Recorder recorder(submission, arena);
+  recorder.upload(memory[ids.pairs], 0, memory[ids.pairs].size);
+  recorder.upload(memory[ids.features], 0, memory[ids.features].size);
+  recorder.copy(host[found], memory[ids.aligned], sizeof(shaders::AlignedInfo) * n * stride);
+  const auto count = static_cast<uint32_t>(n);
+  pose.start(recorder, ids, memory, host[iclk], count);
+  pose.round(recorder, ids, memory, host[references], count);
+  pose.verdict(recorder, ids, memory, host[references], host[iclk], count);
+  recorder.copy(memory[ids.refined], host[refined], sizeof(shaders::RefinedInfo) * n);
+  recorder.copy(memory[ids.states], host[states], sizeof(shaders::RefineState) * n);
+  recorder.copy(memory[ids.tasks], host[tasks], sizeof(shaders::FeatureTask) * n);
+  recorder.host_read({&host[refined], &host[states], &host[tasks]});
+  recorder.finish();
+  submission.end();
+  submission.submit_and_wait();
+  std::vector<Outcome> outcomes;
+  for (size_t i = 0; i < n; ++i) {
+    Outcome o{host[refined].as<shaders::RefinedInfo>()[i],
+              host[states].as<shaders::RefineState>()[i],
+              host[tasks].as<shaders::FeatureTask>()[i],
+              {},
+              Matrix6d::Zero()};
+    for (int r = 0; r < 3; ++r) {
+      for (int c = 0; c < 3; ++c) o.T_10.R(r, c) = o.info.pose[4 * r + c];
+      o.T_10.t(r) = o.info.pose[4 * r + 3];
+    }
+    for (int k = 0; k < 36; ++k) o.covariance(k / 6, k % 6) = o.info.covariance[k];
+    outcomes.push_back(o);
+  }
+  return outcomes;
+}
+
+Case case_of(const Scene& scene, int count, double sigma, double outliers, uint32_t seed, double depth_error = 0) {
+  std::mt19937 random(seed);
+  std::normal_distribution<double> normal(0, 1);
+  Case c{scene.camera, test::random_features(scene, count, seed), {}, {}};
+  c.aligned = test::correspondences(scene, c.features, sigma, random, outliers);
+  for (AlignedFeature& a : c.aligned) a.covariance << 0.01, 0.002, 0.002, 0.004;
+  for (double& q : c.features.inverse_depth) q *= 1 + depth_error * normal(random);
+  Vector6d start;
+  start << 0.3, -0.3, 0.2, 0.004, -0.004, 0.01;
+  c.T_10 = scene.T_10 * SE3::exp(start);
+  return c;
+}
+
+/// Largest relative difference of the standard deviations along any direction: of the eigenvalues of A^-1 B from 1.
+double difference(const Matrix6d& A, const Matrix6d& B) {
+  const Matrix6d ratio = A.inverse() * B;
+  double worst = 0;
+  for (const auto& value : ratio.eigenvalues()) worst = std::max(worst, std::abs(std::sqrt(std::abs(value)) - 1));
+  return worst;
+}
+
+double motion(const Case& c, const SE3& a, const SE3& b) {
+  double most = 0;
+  for (size_t i = 0; i < c.features.uv.size(); ++i) {
+    if (!c.features.uv[i].allFinite()) continue;
+    const Eigen::Vector3d X = c.camera.ray(c.features.uv[i]) / c.features.inverse_depth[i];
+    most = std::max(most, (c.camera.project(a * X) - c.camera.project(b * X)).norm());
+  }
+  return most;
+}
+
+Scene deep_scene() {  // a second one, of strong parallax: the plane is steep and the motion along it
+  Scene scene = test::wide_scene();
+  scene.normal = {0.6, -0.4, 1};
+  scene.T_10.t = {6, -2, 1};
+  return scene;
+}
+
+TEST(DevicePose, AgreesWithCeres) {
+  ICLK_NEED_DEVICE();
+  std::vector<Case> cases;
+  for (const Scene& scene : {test::wide_scene(), deep_scene()})
+    for (const auto& [count, sigma, outliers, depth] :
+         {std::tuple{50, 0.05, 0.0, 0.0}, {200, 0.2, 0.3, 0.0}, {200, 0.02, 0.1, 0.01}, {12, 0.1, 0.0, 0.0}})
+      cases.push_back(case_of(scene, count, sigma, outliers, static_cast<uint32_t>(7 + cases.size()), depth));
+  for (size_t i = 0; i < cases.size(); i += 3) {  // some know their depths' sigma
+    cases[i].features.inverse_depth_sigma.assign(cases[i].features.inverse_depth.size(), 0);
+    for (size_t k = 0; k < cases[i].features.inverse_depth.size(); k += 2)
+      cases[i].features.inverse_depth_sigma[k] = 0.02 * cases[i].features.inverse_depth[k];
+  }
+  const auto outcomes = run(cases);
+  for (size_t i = 0; i < cases.size(); ++i) {
+    SCOPED_TRACE(i);
+    const Case& c = cases[i];
+    const PoseResult expected = refine_pose(c.camera, c.features, c.aligned, c.T_10);
+    ASSERT_TRUE(expected.converged()) << expected.reason;
+    const Outcome& o = outcomes[i];
+    EXPECT_EQ(o.info.status, static_cast<uint32_t>(Status::converged));
+    EXPECT_EQ(o.info.refined, 1u);
+    EXPECT_LT(motion(c, o.T_10, expected.T_10), 2e-3);
+    EXPECT_NEAR(o.state.floor, expected.floor, 0.01 * expected.floor);
+    EXPECT_NEAR(o.state.depth_sigma, expected.depth_sigma, 0.01 * expected.depth_sigma + 1e-6);
+    EXPECT_NEAR(o.info.sigma, expected.sigma, 0.01 * expected.sigma);
+    EXPECT_EQ(o.info.used, static_cast<uint32_t>(expected.used));
+    EXPECT_NEAR(o.info.inliers, expected.inliers, 1);
+    EXPECT_LT(difference(expected.covariance, o.covariance), 0.03);
+    EXPECT_NEAR(o.info.correction, motion(c, c.T_10, expected.T_10), motion(c, c.T_10, expected.T_10));
+    EXPECT_EQ(o.task.feature_count, static_cast<uint32_t>(c.features.size()));  // it moved, so there is another round
+    EXPECT_LT(motion(c, SE3{o.T_10},
+                     [&] {
+                       SE3 T;
+                       for (int r = 0; r < 3; ++r) {
+                         for (int k = 0; k < 3; ++k) T.R(r, k) = o.task.pose[4 * r + k];
+                         T.t(r) = o.task.pose[4 * r + 3];
+                       }
+                       return T;
+                     }()),
+              1e-3);
+  }
+}
+
+TEST(DevicePose, UnitsOfLengthDropOut) {
+  ICLK_NEED_DEVICE();
+  std::vector<Case> cases{case_of(test::wide_scene(), 80, 0.05, 0.1, 3, 0.01)};
+  for (const double unit : {1e-3, 1e4}) {
+    Case c = cases[0];
+    for (double& q : c.features.inverse_depth) q /= unit;
+    c.T_10.t *= unit;
+    cases.push_back(c);
+  }
+  const auto outcomes = run(cases);
+  for (size_t i = 1; i < cases.size(); ++i) {
+    const double unit = i == 1 ? 1e-3 : 1e4;
+    EXPECT_EQ(outcomes[i].info.status, static_cast<uint32_t>(Status::converged));
+    EXPECT_LT((outcomes[i].T_10.t / unit - outcomes[0].T_10.t).norm(), 1e-3);
+    Matrix6d covariance = outcomes[i].covariance;
+    covariance.topRows<3>() /= unit;
+    covariance.leftCols<3>() /= unit;
+    EXPECT_LT(difference(outcomes[0].covariance, covariance), 0.01);
+  }
+}
+
+TEST(DevicePose, RefusesWhatTheHostRefuses) {
+  ICLK_NEED_DEVICE();
+  const Scene scene = test::wide_scene();
+  std::vector<Case> cases;
+  std::vector<Status> expected;
+  cases.push_back(case_of(scene, 60, 0.1, 0, 1));  // nothing was found: its texture may have been hidden
+  for (size_t i = 3; i < cases.back().aligned.size(); ++i) cases.back().aligned[i].status = FeatureStatus::bad_match;
+  expected.push_back(Status::diverged);
+  cases.push_back(case_of(scene, 60, 0.1, 0, 2));
+  for (AlignedFeature& a : cases.back().aligned) a.status = FeatureStatus::low_texture;
+  expected.push_back(Status::too_few_features);
+  cases.push_back(case_of(scene, 60, 0.1, 1, 3));  // every position is wrong
+  expected.push_back(Status::diverged);
+  cases.push_back(case_of(scene, 60, 0.1, 0, 4));  // one place seen sixty times determines nothing
+  for (size_t i = 1; i < 60; ++i) {
+    cases.back().features.uv[i] = cases.back().features.uv[0];
+    cases.back().features.inverse_depth[i] = cases.back().features.inverse_depth[0];
+    cases.back().aligned[i] = cases.back().aligned[0];
+  }
+  expected.push_back(Status::degenerate);
+  cases.push_back(case_of(scene, 60, 0.1, 0, 5));  // 45 px from what ICLK found
+  cases.back().T_10 = scene.T_10 * SE3::exp((Vector6d() << 0, 0, 0, 0.1, 0, 0).finished());
+  expected.push_back(Status::diverged);
+  cases.push_back(case_of(scene, 60, 0.1, 0, 6));  // NaN where it must not matter, and where it must
+  cases.back().features.uv[0].x() = std::nan("");
+  cases.back().aligned[1].uv1.x() = std::nan("");
+  cases.back().aligned[2].covariance(0, 0) = std::nan("");
+  expected.push_back(Status::converged);
+  const auto outcomes = run(cases);
+  for (size_t i = 0; i < cases.size(); ++i) {
+    SCOPED_TRACE(i);
+    EXPECT_EQ(outcomes[i].info.status, static_cast<uint32_t>(expected[i]));
+    EXPECT_EQ(outcomes[i].info.refined, expected[i] == Status::converged ? 1u : 0u);
+    EXPECT_TRUE(outcomes[i].covariance.allFinite());
+    if (expected[i] == Status::converged) continue;
+    EXPECT_TRUE(outcomes[i].covariance.isZero());
+    EXPECT_LT(motion(cases[i], outcomes[i].T_10, cases[i].T_10), 1e-3);  // ICLK's
+  }
+  EXPECT_EQ(outcomes.back().info.used, 57u);
+}
+
+TEST(DevicePose, UnconfirmedPosesKeepIclksCovarianceAndThatOfTheDepths) {
+  ICLK_NEED_DEVICE();
+  Case c = case_of(test::wide_scene(), 60, 0.1, 0, 1);
+  for (AlignedFeature& a : c.aligned) a.status = FeatureStatus::bad_match;
+  c.iclk_covariance = 1e-6 * Matrix6d::Identity();
+  c.features.inverse_depth_sigma.assign(60, 0.01 * c.features.inverse_depth[0]);
+  RefinerOptions options;
+  options.keep_unconfirmed = true;
+  const Outcome o = run({c}, options)[0];
+  EXPECT_EQ(o.info.status, static_cast<uint32_t>(Status::converged));
+  EXPECT_EQ(o.info.refined, 0u);
+  const Matrix6d expected =
+      c.iclk_covariance + internal::depth_covariance(c.camera, c.features, check_features(c.features, c.camera), c.T_10, 0);
+  EXPECT_GT(difference(expected, c.iclk_covariance), 0.1);
+  EXPECT_LT(difference(expected, o.covariance), 0.02);
+}
+
+}  // namespace
+}  // namespace iclk
