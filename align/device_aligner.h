@@ -22,9 +22,21 @@ struct DeviceBufferImage {
   uint32_t row_pixels = 0;  ///< 0: rows are packed
 };
 
-/// An image on the device: a VkImage (format = the plan's: R8_UNORM, R8G8B8A8_UNORM, B8G8R8A8_UNORM or their SRGB twins,
-/// R32_SFLOAT, R32G32B32A32_SFLOAT) or a VkBuffer. Never freed or kept by us; copied on the device when the commands execute.
-using DeviceImage = std::variant<engine::ForeignImage, DeviceBufferImage>;
+/// A target or reference that the application samples: any mip, layer or plane, of any format that can be fetched as floats
+/// (R16, RG8, RGBA16F, the luma plane of NV12, ...), read without a copy. Before the alignment the image is in `layout` and
+/// visible to reads of compute shaders; an sRGB view gives linear values, which are not what the method expects: make a UNORM
+/// one.
+struct DeviceImageView {
+  VkImageView view = VK_NULL_HANDLE;  ///< 2D, of an image with VK_IMAGE_USAGE_SAMPLED_BIT, one sample, colour
+  VkImageLayout layout = VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL;
+  uint32_t width = 0, height = 0;  ///< of the view's mip level: the plan's
+  bool grey = false;               ///< the first channel is the grey value; else red, green, blue are colours
+};
+
+/// An image on the device: a view, or a VkImage (format = the plan's: R8_UNORM, R8G8B8A8_UNORM, B8G8R8A8_UNORM or their SRGB
+/// twins, R32_SFLOAT, R32G32B32A32_SFLOAT) or a VkBuffer, which are copied on the device when the commands execute. Never freed
+/// or kept by us.
+using DeviceImage = std::variant<engine::ForeignImage, DeviceBufferImage, DeviceImageView>;
 
 struct DeviceReference {
   int slot = 0;

@@ -13,7 +13,7 @@ namespace iclk::engine {
 
 /// How many descriptors a recording needs at most.
 struct ArenaSize {
-  uint32_t sets = 0, storage = 0, texel = 0, uniform = 0, image = 0;
+  uint32_t sets = 0, storage = 0, texel = 0, uniform = 0, image = 0, sampled = 0;
   /// Room for `count` different sets of buffers bound to a kernel.
   void add(const Kernel& kernel, uint32_t count = 1);
 };

@@ -48,7 +48,8 @@ void check_description(const Context& context, const KernelDescription& d) {
           limits.maxPerStageDescriptorStorageBuffers);
   at_most("maxPerStageDescriptorUniformBuffers", count(VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER),
           limits.maxPerStageDescriptorUniformBuffers);
-  at_most("maxPerStageDescriptorSampledImages", count(VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER),
+  at_most("maxPerStageDescriptorSampledImages",
+          count(VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER) + count(VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE),
           limits.maxPerStageDescriptorSampledImages);
   at_most("maxPerStageDescriptorStorageImages", count(VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER),
           limits.maxPerStageDescriptorStorageImages);
@@ -62,6 +63,7 @@ VkDescriptorType descriptor_type(BindingKind kind) {
     case BindingKind::texel_read: return VK_DESCRIPTOR_TYPE_UNIFORM_TEXEL_BUFFER;
     case BindingKind::image_read: return VK_DESCRIPTOR_TYPE_STORAGE_TEXEL_BUFFER;
     case BindingKind::uniform: return VK_DESCRIPTOR_TYPE_UNIFORM_BUFFER;
+    case BindingKind::sampled_image: return VK_DESCRIPTOR_TYPE_SAMPLED_IMAGE;
     default: return VK_DESCRIPTOR_TYPE_STORAGE_BUFFER;
   }
 }

@@ -17,6 +17,7 @@ enum class BindingKind : uint8_t {
   texel_read,          ///< (u)samplerBuffer / textureBuffer: a uniform texel buffer; storage_read where the context wants that
   image_read,          ///< readonly imageBuffer: a storage texel buffer
   uniform,             ///< uniform block
+  sampled_image,       ///< texture2D: Buffer::image, an image of the application. No barrier is placed for it
 };
 
 /// A shader in two builds (shaders/texels.glsl): arrays that are only read are texel buffers, or storage buffers. A kernel

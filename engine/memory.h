@@ -42,6 +42,10 @@ struct Buffer {
   void* mapped = nullptr;              ///< host address, coherent; null: not mapped
   VkBuffer twin = VK_NULL_HANDLE;      ///< where `mapped` lies, of a table that is not mapped itself
 
+  /// An image of the application in the place of a buffer, for BindingKind::sampled_image; all else is null.
+  VkImageView image = VK_NULL_HANDLE;
+  VkImageLayout image_layout = VK_IMAGE_LAYOUT_UNDEFINED;
+
   template <class T>
   T* as() const {
     return static_cast<T*>(mapped);

@@ -64,7 +64,9 @@ void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buf
   if (groups.x == 0 || groups.y == 0 || groups.z == 0) return;
 
   uses_.clear();
-  for (size_t i = 0; i < buffers.size(); ++i) uses_.push_back({id(buffers[i]->handle), writes(kernel.bindings()[i])});
+  for (size_t i = 0; i < buffers.size(); ++i)
+    if (kernel.bindings()[i] != BindingKind::sampled_image)
+      uses_.push_back({id(buffers[i]->handle), writes(kernel.bindings()[i])});
   require(Stage::compute, uses_);
   ++dispatches_;
   if (!submission_) return dispatch_groups(kernel, set, push, {0, 0, 0}, groups);

@@ -239,6 +239,13 @@ struct HalvePush {
   uint first_image;
 };
 
+struct ImportPush {
+  uint width;
+  uint row_pixels;  // of the destination
+  uint first_word;  // of the image in it
+  uint grey;        // 1: the first channel is the grey value
+};
+
 struct MaskPush {
   uint first_reference;
   uint max_features;

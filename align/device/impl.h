@@ -32,6 +32,7 @@ struct DeviceAligner::Impl {
   internal::WorkgroupSizes sizes;
   int batch;
   internal::Kernels kernels;
+  engine::Kernel import;  // of views; made with the first recording
   internal::AlignerBuffers ids;
   internal::DeviceNetwork network;
   internal::DeviceMatching matching;

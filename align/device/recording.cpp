@@ -6,6 +6,8 @@
 #include <iclk/engine/error.h>
 #include <iclk/engine/result.h>
 
+#include "import.comp.spv.h"
+
 namespace iclk {
 namespace {
 
@@ -78,6 +80,13 @@ void check_device_image(const DeviceImage& image, const Plan& plan, const std::s
              ", the plan was made for " + size);
     if (!same_pixels(foreign->format, plan.format))
       refuse("VkFormat " + std::to_string(foreign->format) + " is not the plan's pixel format");
+  } else if (const auto* view = std::get_if<DeviceImageView>(&image)) {
+    if (view->view == VK_NULL_HANDLE) refuse("the VkImageView is null");
+    if (view->layout == VK_IMAGE_LAYOUT_UNDEFINED || view->layout == VK_IMAGE_LAYOUT_PREINITIALIZED)
+      refuse("the VkImageView's image is in an undefined layout, which has no content");
+    if (view->width != static_cast<uint32_t>(plan.width) || view->height != static_cast<uint32_t>(plan.height))
+      refuse("the VkImageView is " + std::to_string(view->width) + "x" + std::to_string(view->height) +
+             ", the plan was made for " + size);
   } else {
     const auto& buffer = std::get<DeviceBufferImage>(image);
     const uint32_t row = buffer.row_pixels ? buffer.row_pixels : static_cast<uint32_t>(plan.width);
@@ -93,9 +102,26 @@ void check_device_image(const DeviceImage& image, const Plan& plan, const std::s
   }
 }
 
+engine::KernelDescription import_kernel(const Plan& plan) {
+  using enum engine::BindingKind;
+  return {"import",
+          import_comp_spv,
+          {sampled_image, storage_write},
+          sizeof(shaders::ImportPush),
+          {0, internal::shader_format(plan.format)}};
+}
+
 // Pixels to `offset` of the aligner's own buffer, rows as its kernels want them.
-void copy_pixels(engine::Recorder& recorder, const DeviceImage& image, const Plan& plan, const internal::Layout& layout,
-                 const engine::Buffer& pixels, VkDeviceSize offset) {
+void copy_pixels(engine::Recorder& recorder, const engine::Kernel& import, const DeviceImage& image, const Plan& plan,
+                 const internal::Layout& layout, const engine::Buffer& pixels, VkDeviceSize offset) {
+  if (const auto* view = std::get_if<DeviceImageView>(&image)) {
+    engine::Buffer wrapped;
+    wrapped.image = view->view;
+    wrapped.image_layout = view->layout;
+    const shaders::ImportPush push{view->width, layout.row_pixels(), static_cast<uint32_t>(offset / 4), view->grey};
+    const uint32_t words = plan.format == PixelFormat::r8 ? layout.row_pixels() / 4 : layout.row_pixels();
+    return recorder.dispatch(import, {&wrapped, &pixels}, push, {engine::groups_for(words, 64), view->height, 1});
+  }
   if (const auto* foreign = std::get_if<engine::ForeignImage>(&image))
     return recorder.copy_image_to_buffer(*foreign, pixels, offset, layout.row_pixels());
   const auto& source = std::get<DeviceBufferImage>(image);
@@ -114,11 +140,14 @@ void copy_pixels(engine::Recorder& recorder, const DeviceImage& image, const Pla
 }  // namespace
 
 std::unique_ptr<DeviceAligner::Recording> DeviceAligner::make_recording(int max_pairs) {
-  const Impl& m = *impl_;
+  Impl& m = *impl_;
   if (max_pairs < 1 || max_pairs > m.batch)
     throw Error(ErrorCode::invalid_argument,
                 "a recording for " + std::to_string(max_pairs) + " pairs, the plan holds 1 to " + std::to_string(m.batch));
-  return std::make_unique<DeviceRecording>(m.context, m.layout, m.arena_size(), m.options, max_pairs);
+  if (!m.import) m.import = engine::Kernel(m.context, import_kernel(m.plan));
+  engine::ArenaSize arena = m.arena_size();
+  arena.add(m.import, static_cast<uint32_t>(max_pairs + m.plan.max_references));
+  return std::make_unique<DeviceRecording>(m.context, m.layout, arena, m.options, max_pairs);
 }
 
 void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<const DeviceReference> references,
@@ -173,7 +202,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     slot.dirty = false;  // nothing was staged
     slot.set = false;    // until all is recorded: what is thrown on the way leaves a slot without maps
     m.upload_tables(recorder, static_cast<uint32_t>(reference.slot), 1);
-    copy_pixels(recorder, reference.image, m.plan, m.layout, m.memory[m.ids.pixels0],
+    copy_pixels(recorder, m.import, reference.image, m.plan, m.layout, m.memory[m.ids.pixels0],
                 image_bytes * static_cast<uint64_t>(reference.slot));
     prepared.push_back({static_cast<uint32_t>(reference.slot), 1});
   }
@@ -181,7 +210,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     const Impl::Slot& slot = m.slots[static_cast<size_t>(pairs[i].reference)];
     m.pack(pairs[i], static_cast<uint32_t>(i), recording->run_ids, recording->run);
     recording->taken.push_back({slot.enough, pairs[i].T_10, slot.camera, slot.mean_inverse_depth, pairs[i].prior, slot.checks});
-    copy_pixels(recorder, pairs[i].target, m.plan, m.layout, m.memory[m.ids.pixels1], image_bytes * i);
+    copy_pixels(recorder, m.import, pairs[i].target, m.plan, m.layout, m.memory[m.ids.pixels1], image_bytes * i);
   }
   const auto n = static_cast<uint32_t>(pairs.size());
   stages.maps(recorder, prepared, n);

@@ -44,6 +44,8 @@ class Application {
     functions = load_device_functions(vk.GetDeviceProcAddr, device);
     load(create_image, "vkCreateImage");
     load(destroy_image, "vkDestroyImage");
+    load(create_view, "vkCreateImageView");
+    load(destroy_view, "vkDestroyImageView");
     load(image_requirements, "vkGetImageMemoryRequirements");
     load(bind_image, "vkBindImageMemory");
     load(copy_to_image, "vkCmdCopyBufferToImage");
@@ -66,6 +68,8 @@ class Application {
   DeviceFunctions functions;
   PFN_vkCreateImage create_image = nullptr;
   PFN_vkDestroyImage destroy_image = nullptr;
+  PFN_vkCreateImageView create_view = nullptr;
+  PFN_vkDestroyImageView destroy_view = nullptr;
   PFN_vkGetImageMemoryRequirements image_requirements = nullptr;
   PFN_vkBindImageMemory bind_image = nullptr;
   PFN_vkCmdCopyBufferToImage copy_to_image = nullptr;
@@ -79,13 +83,15 @@ class Application {
 
 /// An image of the application, kept in one layout.
 struct ApplicationImage {
-  ApplicationImage(Application& application, uint32_t width, uint32_t height, VkFormat format, VkImageLayout kept_in)
+  ApplicationImage(Application& application, uint32_t width, uint32_t height, VkFormat format, VkImageLayout kept_in,
+                   uint32_t mips = 1, uint32_t layers = 1)
       : app(application), layout(kept_in) {
     VkImageCreateInfo info{VK_STRUCTURE_TYPE_IMAGE_CREATE_INFO};
     info.imageType = VK_IMAGE_TYPE_2D;
     info.format = format;
     info.extent = {width, height, 1};
-    info.mipLevels = info.arrayLayers = 1;
+    info.mipLevels = mips;
+    info.arrayLayers = layers;
     info.samples = VK_SAMPLE_COUNT_1_BIT;
     info.tiling = VK_IMAGE_TILING_OPTIMAL;
     info.usage = VK_IMAGE_USAGE_TRANSFER_SRC_BIT | VK_IMAGE_USAGE_TRANSFER_DST_BIT | VK_IMAGE_USAGE_SAMPLED_BIT;
@@ -100,13 +106,27 @@ struct ApplicationImage {
     foreign = {image, format, width, height, layout, VK_QUEUE_FAMILY_IGNORED};
   }
   ~ApplicationImage() {
+    for (const VkImageView view : views) app.destroy_view(app.device, view, nullptr);
     app.destroy_image(app.device, image, nullptr);
     app.functions.FreeMemory(app.device, memory, nullptr);
   }
   ApplicationImage(const ApplicationImage&) = delete;
   ApplicationImage& operator=(const ApplicationImage&) = delete;
 
-  void fill(const std::shared_ptr<Context>& context, const void* pixels, size_t bytes) {
+  /// Of one mip level and layer.
+  VkImageView view(uint32_t mip = 0, uint32_t layer = 0) {
+    VkImageViewCreateInfo info{VK_STRUCTURE_TYPE_IMAGE_VIEW_CREATE_INFO};
+    info.image = image;
+    info.viewType = VK_IMAGE_VIEW_TYPE_2D;
+    info.format = foreign.format;
+    info.subresourceRange = {VK_IMAGE_ASPECT_COLOR_BIT, mip, 1, layer, 1};
+    VkImageView made = VK_NULL_HANDLE;
+    check(app.create_view(app.device, &info, nullptr, &made), "vkCreateImageView");
+    views.push_back(made);
+    return made;
+  }
+
+  void fill(const std::shared_ptr<Context>& context, const void* pixels, size_t bytes, uint32_t mip = 0, uint32_t layer = 0) {
     MemoryPlan plan;
     const BufferId id = plan.add("pixels", bytes, MemoryKind::upload, BufferUse::transfer);
     const Workspace staging(context, plan);
@@ -115,14 +135,14 @@ struct ApplicationImage {
     const VkCommandBuffer commands = submission.begin();
     VkImageMemoryBarrier barrier{VK_STRUCTURE_TYPE_IMAGE_MEMORY_BARRIER};
     barrier.image = image;
-    barrier.subresourceRange = {VK_IMAGE_ASPECT_COLOR_BIT, 0, 1, 0, 1};
+    barrier.subresourceRange = {VK_IMAGE_ASPECT_COLOR_BIT, mip, 1, layer, 1};
     barrier.srcQueueFamilyIndex = barrier.dstQueueFamilyIndex = VK_QUEUE_FAMILY_IGNORED;
     barrier.dstAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
     barrier.newLayout = VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL;
     const VkPipelineStageFlags transfer = VK_PIPELINE_STAGE_TRANSFER_BIT, compute = VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT;
     app.functions.CmdPipelineBarrier(commands, transfer | compute, transfer, 0, 0, nullptr, 0, nullptr, 1, &barrier);
     const VkBufferImageCopy region{
-        0, 0, 0, {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1}, {0, 0, 0}, {foreign.width, foreign.height, 1}};
+        0, 0, 0, {VK_IMAGE_ASPECT_COLOR_BIT, mip, layer, 1}, {0, 0, 0}, {foreign.width >> mip, foreign.height >> mip, 1}};
     app.copy_to_image(commands, staging[id].handle, image, VK_IMAGE_LAYOUT_TRANSFER_DST_OPTIMAL, 1, &region);
     barrier.srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT;
     barrier.dstAccessMask = VK_ACCESS_SHADER_READ_BIT | VK_ACCESS_TRANSFER_READ_BIT;
@@ -137,6 +157,7 @@ struct ApplicationImage {
   VkImageLayout layout;
   VkImage image = VK_NULL_HANDLE;
   VkDeviceMemory memory = VK_NULL_HANDLE;
+  std::vector<VkImageView> views;
   ForeignImage foreign;
 };
 
