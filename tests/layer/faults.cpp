@@ -25,6 +25,7 @@ std::vector<LayerCall> all_calls() {
           {"vkCreateBufferView", {host, device}},
           {"vkCreateShaderModule", {host, device}},
           {"vkCreatePipelineCache", {host, device}},
+          {"vkGetPipelineCacheData", {host, device}},
           {"vkCreateComputePipelines", {host, device}},
           {"vkCreatePipelineLayout", {host, device}},
           {"vkCreateDescriptorSetLayout", {host, device}},
