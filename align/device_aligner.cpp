@@ -53,7 +53,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       network(*context, model, layout, plan, options, batch, tuning, ids.plan),
       matching(plan, options, layout, sizes, batch, ids.plan),
       memory(context, ids.plan),
-      run_ids(layout, options, solver, context->unified_memory(), batch),
+      run_ids(layout, plan, options, solver, context->unified_memory(), batch),
       run(context, run_ids.plan),
       arena(context, (network.load(context, memory, sizes.iterate), matching.load(context), arena_size())),
       submission(context),
@@ -66,7 +66,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
 
 uint32_t DeviceAligner::Impl::most_features() const {
   int most = 0;
-  for (const Slot& slot : slots) most = std::max(most, slot.features.size());
+  for (const Slot& slot : slots) most = std::max({most, slot.features.size(), static_cast<int>(slot.chosen)});
   return static_cast<uint32_t>(most);
 }
 
@@ -88,7 +88,7 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
   const internal::DeviceNetwork network(context, model, layout, plan, options, batch, tuning, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, batch, ids.plan);
-  const internal::RunBuffers run_ids(layout, options, solver, context.unified_memory(), batch);
+  const internal::RunBuffers run_ids(layout, plan, options, solver, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);
   bytes.device += run.device;
@@ -105,9 +105,9 @@ void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Feature
     tile_count = tiles.build(features, checks, memory[ids.tiles].as<shaders::MaskTile>() + s * layout.tile_stride,
                              memory[ids.entries].as<uint32_t>() + s * layout.entry_stride);
   auto* info = memory[ids.references].as<shaders::ReferenceInfo>() + slot;
-  *info = {static_cast<float>(camera.fx),         static_cast<float>(camera.fy),          static_cast<float>(camera.cx),
-           static_cast<float>(camera.cy),         static_cast<float>(mean_inverse_depth), tile_count,
-           static_cast<uint32_t>(features.size())};
+  *info = {static_cast<float>(camera.fx),          static_cast<float>(camera.fy),          static_cast<float>(camera.cx),
+           static_cast<float>(camera.cy),          static_cast<float>(mean_inverse_depth), tile_count,
+           static_cast<uint32_t>(features.size()), static_cast<uint32_t>(count_ok(checks))};
   auto* list = memory[ids.features].as<shaders::FeatureInfo>() + s * static_cast<size_t>(plan.max_features);
   for (int i = 0; i < features.size(); ++i) {
     const auto k = static_cast<size_t>(i);
@@ -124,6 +124,7 @@ void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Feature
   kept.features = features;
   kept.checks = std::move(checks);
   kept.mean_inverse_depth = mean_inverse_depth;
+  kept.chosen = 0;
 }
 
 std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference& reference) {
@@ -236,13 +237,20 @@ void DeviceAligner::Impl::submit() {
 
 std::vector<Alignment> DeviceAligner::align(std::span<const Pair> pairs) {
   Impl& m = *impl_;
+  m.check_nothing_started();
   m.check_pairs(pairs);
   m.submission.wait();  // as in set_reference()
   std::vector<Alignment> out;
   out.reserve(pairs.size());
   for (size_t first = 0; first < pairs.size(); first += static_cast<size_t>(m.batch)) {
     const auto chunk = pairs.subspan(first, std::min(static_cast<size_t>(m.batch), pairs.size() - first));
-    auto results = m.solver == Solver::device ? m.align_on_device(chunk) : m.align_on_host(chunk);
+    std::vector<Alignment> results;
+    if (m.solver == Solver::device) {
+      m.start(chunk, {});
+      results = m.finish();
+    } else {
+      results = m.align_on_host(chunk);
+    }
     std::move(results.begin(), results.end(), std::back_inserter(out));
   }
   return out;
@@ -261,32 +269,62 @@ template void DeviceAligner::Impl::pack(const Pair&, uint32_t, const internal::R
 template void DeviceAligner::Impl::pack(const DevicePair&, uint32_t, const internal::RunBuffers&,
                                         const engine::Workspace&) const;
 
-std::vector<Alignment> DeviceAligner::Impl::align_on_device(std::span<const Pair> pairs) {
+void DeviceAligner::Impl::start(std::span<const Pair> pairs, const engine::Synchronisation& synchronisation) {
   const auto n = static_cast<uint32_t>(pairs.size());
   Recorder recorder(submission, arena, timer.get());
   prepare(recorder, pairs);
   for (uint32_t i = 0; i < n; ++i) pack(pairs[i], i, run_ids, run);
   const internal::Stages s = stages();
   s.align(recorder, n);
+  for (uint32_t i = 0; plan.choose_features && i < n; ++i)
+    s.keep_features(recorder, static_cast<uint32_t>(pairs[i].reference), i);
   s.read_back(recorder, n);
   recorder.finish();
   submission.end();
-  submit();
+  submission.submit(synchronisation);
+  recorded_will_execute();
+  for (const Pair& pair : pairs) started.push_back(await(pair));
+}
 
+std::vector<Alignment> DeviceAligner::Impl::finish() {
+  try {
+    submission.wait();
+  } catch (const Error& error) {
+    if (error.code() != ErrorCode::out_of_memory) started.clear();  // else the device works on
+    throw;
+  }
+  if (timer) timer->collect();
   const auto* states = internal::read_states(run_ids, run);
   const auto* trace = internal::read_trace(run_ids, run);
   std::vector<Alignment> out;
-  for (uint32_t i = 0; i < n; ++i) {
-    const Slot& slot = slots[static_cast<size_t>(pairs[i].reference)];
-    if (slot.enough)
-      out.push_back(internal::conclude_device(states[i], trace + static_cast<size_t>(i) * layout.trace_stride, options,
-                                              slot.camera, slot.mean_inverse_depth, pairs[i].prior ? &*pairs[i].prior : nullptr,
-                                              slot.checks));
-    else
-      out.push_back(internal::too_few_features(slot.checks, pairs[i].T_10, options));
+  for (size_t i = 0; i < started.size(); ++i) {
+    if (started[i].chosen)
+      started[i].take(internal::read_features(run_ids, run) + i * static_cast<size_t>(plan.max_features), options);
+    out.push_back(started[i].conclude(states[i], trace + i * layout.trace_stride, options));
   }
+  started.clear();
   return out;
 }
+
+void DeviceAligner::Impl::check_nothing_started() const {
+  if (!started.empty()) throw Error(ErrorCode::invalid_argument, "an alignment was started; call finish() first");
+}
+
+void DeviceAligner::start(std::span<const Pair> pairs, const engine::Synchronisation& synchronisation) {
+  Impl& m = *impl_;
+  m.check_nothing_started();
+  if (m.solver != Solver::device) throw Error(ErrorCode::invalid_argument, "start() needs an aligner made with Solver::device");
+  if (pairs.empty() || pairs.size() > static_cast<size_t>(m.batch))
+    throw Error(ErrorCode::invalid_argument,
+                std::to_string(pairs.size()) + " pairs, start() takes 1 to " + std::to_string(m.batch));
+  m.check_pairs(pairs);
+  m.submission.wait();  // as in set_reference()
+  m.start(pairs, synchronisation);
+}
+
+bool DeviceAligner::finished() const { return impl_->submission.finished(); }
+
+std::vector<Alignment> DeviceAligner::finish() { return impl_->finish(); }
 
 const Camera& DeviceAligner::camera(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).camera; }
 const Features& DeviceAligner::features(int slot) const { return impl_->slots.at(static_cast<size_t>(slot)).features; }
@@ -306,6 +344,10 @@ DeviceMaps DeviceParts::maps(const DeviceAligner& aligner) {
           &stages.map1(0),          &m.memory[m.ids.maps0],      &m.memory[m.ids.maps1],
           m.layout.level_stride(0), m.layout.map_stride,         &m.memory[m.ids.pixels1],
           m.layout.pixel_words,     shader_format(m.plan.format)};
+}
+
+uint32_t DeviceParts::chosen_features(const DeviceAligner& aligner, int slot) {
+  return aligner.impl_->slots.at(static_cast<size_t>(slot)).chosen;
 }
 
 const engine::Buffer& DeviceParts::template_pixels(const DeviceAligner& aligner) {

@@ -1,4 +1,5 @@
 #pragma once
+#include <limits>
 #include <variant>
 
 #include <iclk/align/aligner.h>
@@ -38,11 +39,27 @@ struct DeviceImageView {
 /// or kept by us.
 using DeviceImage = std::variant<engine::ForeignImage, DeviceBufferImage, DeviceImageView>;
 
+/// Depth along the optical axis for every pixel of a reference, as the application rendered it: of a texel d, scale d + offset
+/// is the depth, or with `inverse` its inverse. What is not positive and finite is no depth.
+struct DeviceDepth {
+  DeviceImageView view;  ///< its first channel; also the depth aspect of a depth format
+  bool inverse = false;
+  float scale = 1, offset = 0;
+  float background = std::numeric_limits<float>::quiet_NaN();  ///< a texel of this value is no depth either
+
+  /// A depth buffer of a perspective projection in which depths of z0 have the value 0 and those of z1 the value 1, which may
+  /// be the nearer one, or infinite. What has the value of the farther one is background.
+  static DeviceDepth projected(const DeviceImageView& view, float z0, float z1);
+};
+
 struct DeviceReference {
   int slot = 0;
   DeviceImage image;
   Camera camera;
-  Features features;
+  Features features;  ///< none where there is a depth image
+  /// The device chooses features in the image where this has depth, one in each of up to Plan::max_features cells that cover
+  /// it: the pixel with the most texture, at depth edges only where the cell has nothing else. Needs Plan::choose_features.
+  std::optional<DeviceDepth> depth = {};
 };
 
 struct DevicePair {
@@ -51,6 +68,8 @@ struct DevicePair {
   SE3 T_10;
   std::optional<PosePrior> prior;
   bool search = true;  ///< as Pair's
+  /// As Pair's, in the first channel of an image of the plan's size; takes the place of the target's alpha.
+  std::optional<DeviceImageView> target_mask = {};
 };
 
 /// The Vulkan solvers: Solver::host (one evaluation a submission, the 6x6 system on the host) and Solver::device (everything in
@@ -76,6 +95,15 @@ class DeviceAligner : public Aligner {
   using Aligner::align;
   std::vector<Alignment> align(std::span<const Pair> pairs) override;
 
+  /// align() in two halves: start() takes the pixels, submits and returns, finish() waits and has the results. The device waits
+  /// for `synchronisation.wait` before it begins and signals `synchronisation.signal` when it is through: timeline semaphores
+  /// of an adopted device. Up to pairs_per_batch() pairs; Solver::device. Between the two align() and start() throw
+  /// Error(invalid_argument), and set_reference() waits for the device.
+  void start(std::span<const Pair> pairs, const engine::Synchronisation& synchronisation = {});
+  bool finished() const;            ///< whether finish() would return at once
+  std::vector<Alignment> finish();  ///< nothing where nothing was started
+
+  /// Of a slot whose features the device has chosen, features() and checks() are empty.
   const Camera& camera(int slot) const override;
   const Features& features(int slot) const override;
   const std::vector<FeatureCheck>& checks(int slot) const override;
@@ -88,8 +116,13 @@ class DeviceAligner : public Aligner {
     virtual ~Recording() = default;
     /// shaders::ResultInfo a pair, visible to compute shaders and transfers that follow in the command buffer.
     virtual const engine::Buffer& results() const = 0;
+    /// Of a plan with choose_features: shaders::FeatureInfo, Plan::max_features a pair, the features of its reference, visible
+    /// like results(). Those that take no part have an inverse depth of 0.
+    virtual const engine::Buffer& features() const = 0;
     /// After the application waited for its submission: the same results in full. Throws nothing but Error(device_lost).
     virtual std::vector<Alignment> read() const = 0;
+    /// At the same time, the features of each pair's reference. Precondition: a plan with choose_features.
+    virtual std::vector<Features> read_features() const = 0;
   };
 
   /// Allocates a recording for up to `max_pairs` pairs; record() itself allocates nothing on the device.

@@ -45,6 +45,8 @@ void Plan::check(const AlignerOptions& options) const {
   const auto need = [](bool ok, const char* what, double value, const std::string& range) {
     if (!ok) refuse(what, value, range);
   };
+  if (dense && choose_features)
+    throw Error(ErrorCode::invalid_argument, "a dense plan has no features to choose: switch choose_features or dense off");
   if (dense && options.search.enabled)
     throw Error(ErrorCode::invalid_argument, "a start search serves sparse plans: switch search or dense off");
   // The coarsest level must hold at least one pixel with both neighbours, or there is no gradient.

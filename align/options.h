@@ -84,6 +84,8 @@ struct Plan {
   /// Pixels of targets can be hidden, by Pair::target_mask or, of an image of the application's, by an alpha of 0. On a device
   /// the format must have four channels.
   bool target_masks = false;
+  /// References may come with a depth image, in which the device chooses the features (DeviceReference::depth).
+  bool choose_features = false;
 
   void check(const AlignerOptions& options) const;
 };

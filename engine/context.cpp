@@ -1,5 +1,6 @@
 #include <iclk/engine/context.h>
 
+#include <bit>
 #include <cstring>
 #include <limits>
 
@@ -27,6 +28,19 @@ class HostLock {
 
  private:
   const std::function<void()>& unlock_;
+};
+
+/// Timeline points as Vulkan takes them.
+struct Semaphores {
+  explicit Semaphores(std::span<const TimelinePoint> points) {
+    for (const TimelinePoint& point : points) {
+      handles.push_back(point.semaphore);
+      values.push_back(point.value);
+    }
+  }
+  uint32_t count() const { return static_cast<uint32_t>(handles.size()); }
+  std::vector<VkSemaphore> handles;
+  std::vector<uint64_t> values;
 };
 
 /// Whether these bytes begin with the header of a cache that this driver made for this device: drivers differ in what they make
@@ -150,6 +164,8 @@ std::shared_ptr<Context> ContextBuilder::adopt(const HostDevice& host) {
   if (!host.queue) reject("queue is null");
   if (static_cast<bool>(host.lock_queue) != static_cast<bool>(host.unlock_queue))
     reject("lock_queue and unlock_queue must be given together");
+  if (static_cast<bool>(host.allocate_memory) != static_cast<bool>(host.free_memory))
+    reject("allocate_memory and free_memory must be given together");
 
   const auto context = make();
   Context& c = *context;
@@ -177,6 +193,8 @@ std::shared_ptr<Context> ContextBuilder::adopt(const HostDevice& host) {
   c.queue_ = host.queue;
   c.lock_queue_ = host.lock_queue;
   c.unlock_queue_ = host.unlock_queue;
+  c.allocate_memory_ = host.allocate_memory;
+  c.free_memory_ = host.free_memory;
   c.pipeline_cache_ = host.pipeline_cache;
   if (!c.pipeline_cache_) make_pipeline_cache(c, {});
   return context;
@@ -200,13 +218,59 @@ Context::~Context() {
   if (owns_device_) vk_.DestroyDevice(device_, nullptr);
 }
 
-void Context::submit(VkCommandBuffer commands, VkFence fence) const {
+void Context::submit(VkCommandBuffer commands, VkFence fence, const Synchronisation& synchronisation) const {
+  const std::vector<VkPipelineStageFlags> stages(synchronisation.wait.size(),
+                                                 VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_TRANSFER_BIT);
+  const Semaphores wait(synchronisation.wait), signal(synchronisation.signal);
+  const VkTimelineSemaphoreSubmitInfo values{VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO,
+                                             nullptr,
+                                             wait.count(),
+                                             wait.values.data(),
+                                             signal.count(),
+                                             signal.values.data()};
   VkSubmitInfo info{VK_STRUCTURE_TYPE_SUBMIT_INFO};
+  if (wait.count() || signal.count()) info.pNext = &values;
+  info.waitSemaphoreCount = wait.count();
+  info.pWaitSemaphores = wait.handles.data();
+  info.pWaitDstStageMask = stages.data();
   info.commandBufferCount = 1;
   info.pCommandBuffers = &commands;
+  info.signalSemaphoreCount = signal.count();
+  info.pSignalSemaphores = signal.handles.data();
   const std::lock_guard lock(queue_mutex_);
   const HostLock host_lock(lock_queue_, unlock_queue_);
   check(vk_.QueueSubmit(queue_, 1, &info, fence), "vkQueueSubmit", info_.name);
+}
+
+MemoryBlock Context::allocate(const MemoryRequest& request, const std::string& details) const {
+  const VkMemoryRequirements& needs = request.requirements;
+  if (allocate_memory_) {
+    const MemoryBlock block = allocate_memory_(request);
+    if (!block.memory) throw Error(ErrorCode::out_of_memory, "HostDevice::allocate_memory has no " + details);
+    if (block.offset % needs.alignment == 0 && (block.mapped || !request.mapped)) return block;
+    free_memory_(block);
+    throw Error(ErrorCode::invalid_argument, "HostDevice::allocate_memory: a block at offset " + std::to_string(block.offset) +
+                                                 (block.mapped ? ", mapped" : ", not mapped") + ", asked for " +
+                                                 (request.mapped ? "one that is mapped, " : "one ") + "at a multiple of " +
+                                                 std::to_string(needs.alignment));
+  }
+  MemoryBlock block;
+  const VkMemoryAllocateInfo info{VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, nullptr, needs.size,
+                                  static_cast<uint32_t>(std::countr_zero(needs.memoryTypeBits))};
+  check(vk_.AllocateMemory(device_, &info, nullptr, &block.memory), "vkAllocateMemory", details);
+  if (!request.mapped) return block;
+  try {
+    check(vk_.MapMemory(device_, block.memory, 0, VK_WHOLE_SIZE, 0, &block.mapped), "vkMapMemory", details);
+  } catch (...) {
+    vk_.FreeMemory(device_, block.memory, nullptr);
+    throw;
+  }
+  return block;
+}
+
+void Context::free(const MemoryBlock& block) const noexcept {
+  if (free_memory_) return free_memory_(block);
+  vk_.FreeMemory(device_, block.memory, nullptr);
 }
 
 void Context::name_object(VkObjectType type, uint64_t handle, const std::string& name) const {

@@ -3,6 +3,7 @@
 #include <memory>
 #include <mutex>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -29,6 +30,21 @@ struct ContextOptions {
   bool subgroups = true;  ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
 };
 
+/// Memory that is asked of the application in vkAllocateMemory's place.
+struct MemoryRequest {
+  VkMemoryRequirements requirements{};   ///< memoryTypeBits is one bit: the type that was chosen
+  VkMemoryPropertyFlags properties = 0;  ///< of that type
+  bool mapped = false;                   ///< MemoryBlock::mapped is needed
+};
+
+/// `requirements.size` bytes that buffers are bound to, and nobody else's. They may be part of a larger allocation.
+struct MemoryBlock {
+  VkDeviceMemory memory = VK_NULL_HANDLE;
+  VkDeviceSize offset = 0;  ///< in `memory`, a multiple of requirements.alignment
+  void* mapped = nullptr;   ///< host address of the block's first byte, where the request wants it
+  void* handle = nullptr;   ///< the application's, VmaAllocation for one; given back as it is
+};
+
 /// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is
 /// ever destroyed by us, and no other queue is touched.
 struct HostDevice {
@@ -42,6 +58,22 @@ struct HostDevice {
   /// neither may call iclk, and unlock_queue may not throw.
   std::function<void()> lock_queue, unlock_queue;
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;  ///< null: the context makes its own
+  /// Where all memory of this context comes from and goes to. Both or neither: vkAllocateMemory. Called from whichever thread
+  /// makes or destroys an object of iclk. allocate_memory returns a block without `memory` where there is none; free_memory may
+  /// not throw.
+  std::function<MemoryBlock(const MemoryRequest&)> allocate_memory;
+  std::function<void(const MemoryBlock&)> free_memory;
+};
+
+/// A value of a timeline semaphore: VK_KHR_timeline_semaphore, or its feature of Vulkan 1.2, enabled by the application.
+struct TimelinePoint {
+  VkSemaphore semaphore = VK_NULL_HANDLE;
+  uint64_t value = 0;
+};
+
+/// What a submission waits for before its compute and transfer commands, and signals behind the last.
+struct Synchronisation {
+  std::span<const TimelinePoint> wait = {}, signal = {};
 };
 
 /// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions hold a shared_ptr to it, so the order
@@ -86,7 +118,12 @@ class Context {
   bool cpu_unasked() const { return cpu_unasked_; }
 
   /// vkQueueSubmit of one command buffer under our mutex and the host's lock. Throws Error(device_lost), Error(out_of_memory).
-  void submit(VkCommandBuffer commands, VkFence fence) const;
+  void submit(VkCommandBuffer commands, VkFence fence, const Synchronisation& synchronisation = {}) const;
+
+  /// Memory of the application where it brings an allocator, else of vkAllocateMemory. Throws Error(out_of_memory) with
+  /// `details`; Error(invalid_argument) for a block of the application that does not fit the request.
+  MemoryBlock allocate(const MemoryRequest& request, const std::string& details) const;
+  void free(const MemoryBlock& block) const noexcept;
 
   /// Gives an object the name by which validation and debuggers call it. Does nothing without validation.
   void name_object(VkObjectType type, uint64_t handle, const std::string& name) const;
@@ -113,6 +150,8 @@ class Context {
   double longest_submission_ = 0;
   mutable std::mutex queue_mutex_;
   std::function<void()> lock_queue_, unlock_queue_;
+  std::function<MemoryBlock(const MemoryRequest&)> allocate_memory_;
+  std::function<void(const MemoryBlock&)> free_memory_;
   PFN_vkSetDebugUtilsObjectNameEXT set_name_ = nullptr;
 };
 

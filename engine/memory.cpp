@@ -139,30 +139,25 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
     const MemoryLayout layout = layout_of(*context_, made, needs);
     bytes_ = layout.bytes();
 
-    std::vector<std::byte*> mapped;
     for (const Chunk& chunk : layout.chunks) {
-      const VkMemoryAllocateInfo info{VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, nullptr, chunk.bytes, chunk.memory_type};
-      const std::string details = bytes_in_words(chunk.bytes) + " of " + name(chunk.kind) + " memory, " +
-                                  bytes_in_words(bytes_.total()) + " in all; plan smaller images or fewer pairs at a time";
-      VkDeviceMemory memory = VK_NULL_HANDLE;
-      check(vk.AllocateMemory(device, &info, nullptr, &memory), "vkAllocateMemory", details);
-      memory_.push_back(memory);
       const VkMemoryPropertyFlags flags = context_->memory_properties().memoryTypes[chunk.memory_type].propertyFlags;
       constexpr VkMemoryPropertyFlags mappable = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
       // A device that is not unified keeps its memory unmapped, so that code cannot come to rely on one vendor's window.
       const bool map = (flags & mappable) == mappable && (chunk.kind != MemoryKind::device || context_->unified_memory());
-      void* address = nullptr;
-      if (map) check(vk.MapMemory(device, memory, 0, VK_WHOLE_SIZE, 0, &address), "vkMapMemory", details);
-      mapped.push_back(static_cast<std::byte*>(address));
+      memory_.push_back(context_->allocate({{chunk.bytes, chunk.alignment, 1u << chunk.memory_type}, flags, map},
+                                           bytes_in_words(chunk.bytes) + " of " + name(chunk.kind) + " memory, " +
+                                               bytes_in_words(bytes_.total()) +
+                                               " in all; plan smaller images or fewer pairs at a time"));
     }
 
     for (size_t i = 0; i < buffers_.size(); ++i) {
       Buffer& buffer = buffers_[i];
       const Place& place = layout.places[i];
       const BufferDescription& description = made.buffers[i];
-      check(vk.BindBufferMemory(device, buffer.handle, memory_[place.chunk], place.offset), "vkBindBufferMemory",
+      const MemoryBlock& block = memory_[place.chunk];
+      check(vk.BindBufferMemory(device, buffer.handle, block.memory, block.offset + place.offset), "vkBindBufferMemory",
             description.name);
-      if (mapped[place.chunk]) buffer.mapped = mapped[place.chunk] + place.offset;
+      if (block.mapped) buffer.mapped = static_cast<std::byte*>(block.mapped) + place.offset;
       if (!has_view(use_on(*context_, description.use))) continue;
       const VkBufferViewCreateInfo view{
           VK_STRUCTURE_TYPE_BUFFER_VIEW_CREATE_INFO, nullptr, 0, buffer.handle, description.texel_format, 0, VK_WHOLE_SIZE};
@@ -197,7 +192,7 @@ void Workspace::destroy() noexcept {
     if (buffer.view) context_->vk().DestroyBufferView(context_->device(), buffer.view, nullptr);
     if (buffer.handle) context_->vk().DestroyBuffer(context_->device(), buffer.handle, nullptr);
   }
-  for (VkDeviceMemory memory : memory_) context_->vk().FreeMemory(context_->device(), memory, nullptr);
+  for (const MemoryBlock& block : memory_) context_->free(block);
   buffers_.clear();
   memory_.clear();
 }

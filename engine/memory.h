@@ -102,7 +102,7 @@ class Workspace {
 
   std::shared_ptr<const Context> context_;
   std::vector<Buffer> buffers_;
-  std::vector<VkDeviceMemory> memory_;
+  std::vector<MemoryBlock> memory_;
   MemoryBytes bytes_;
 };
 

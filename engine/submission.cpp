@@ -83,7 +83,7 @@ VkCommandBuffer Submission::next() {
 
 void Submission::end() { check(context_->vk().EndCommandBuffer(parts_[recorded_ - 1].commands), "vkEndCommandBuffer"); }
 
-void Submission::submit() {
+void Submission::submit(const Synchronisation& synchronisation) {
   wait();
   first_pending_ = end_pending_ = 0;
   longest_ = 0;
@@ -91,8 +91,19 @@ void Submission::submit() {
   for (; end_pending_ < recorded_; ++end_pending_) {
     const Part& part = parts_[end_pending_];
     check(context_->vk().ResetFences(context_->device(), 1, &part.fence), "vkResetFences");
-    context_->submit(part.commands, part.fence);
+    const bool first = end_pending_ == 0, last = end_pending_ + 1 == recorded_;
+    context_->submit(part.commands, part.fence,
+                     {first ? synchronisation.wait : std::span<const TimelinePoint>{},
+                      last ? synchronisation.signal : std::span<const TimelinePoint>{}});
   }
+}
+
+bool Submission::finished() const {
+  if (first_pending_ == end_pending_) return true;
+  const VkFence last = parts_[end_pending_ - 1].fence;
+  const VkResult result = context_->vk().WaitForFences(context_->device(), 1, &last, VK_TRUE, 0);
+  check(result, "vkWaitForFences", context_->info().name);
+  return result == VK_SUCCESS;
 }
 
 void Submission::wait() {

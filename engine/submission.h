@@ -28,8 +28,11 @@ class Submission {
   /// cut small.
   uint64_t most_groups() const { return most_groups_; }
 
-  /// Precondition: end() was called. Waits for the submission before this one. Throws Error(device_lost), Error(out_of_memory).
-  void submit();
+  /// Precondition: end() was called. Waits for the submission before this one. What `synchronisation` names must stay until
+  /// this one has ended. Throws Error(device_lost), Error(out_of_memory).
+  void submit(const Synchronisation& synchronisation = {});
+  /// Whether wait() would return at once. Throws Error(device_lost), Error(out_of_memory).
+  bool finished() const;
   /// Returns at once when nothing is pending. No timeout: kernels may be slow on a CPU. Throws Error(device_lost);
   /// Error(out_of_memory), which several attempts did not get over: then the submission is still pending.
   void wait();

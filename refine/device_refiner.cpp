@@ -66,7 +66,7 @@ RefinedAlignment unpack(const shaders::RefinedInfo& info, const shaders::Aligned
 class DeviceRecording : public DeviceRefiner::Recording {
  public:
   DeviceRecording(DeviceAligner& aligner, const RefinerOptions& options, int max_pairs, const engine::ArenaSize& arena_size)
-      : alignment(aligner.make_recording(max_pairs)),
+      : aligned(aligner.make_recording(max_pairs)),
         options(options),
         max_features(static_cast<size_t>(aligner.plan().max_features)),
         max_pairs(max_pairs),
@@ -76,18 +76,22 @@ class DeviceRecording : public DeviceRefiner::Recording {
 
   const engine::Buffer& results() const override { return memory[ids.refined]; }
   const engine::Buffer& features() const override { return memory[ids.aligned]; }
+  const DeviceAligner::Recording& alignment() const override { return *aligned; }
 
   std::vector<RefinedAlignment> read() const override {
-    std::vector<Alignment> iclk = alignment->read();
+    std::vector<Alignment> iclk = aligned->read();
     const auto* info = memory[ids.refined_read.value_or(ids.refined)].as<const shaders::RefinedInfo>();
     const auto* found = memory[ids.aligned_read.value_or(ids.aligned)].as<const shaders::AlignedInfo>();
+    std::vector<Features> kept;
+    if (std::find(chosen.begin(), chosen.end(), true) != chosen.end()) kept = aligned->read_features();
     std::vector<RefinedAlignment> results;
     for (size_t i = 0; i < iclk.size(); ++i)
-      results.push_back(unpack(info[i], found + i * max_features, std::move(iclk[i]), inverse_depths[i], options));
+      results.push_back(unpack(info[i], found + i * max_features, std::move(iclk[i]),
+                               chosen[i] ? kept[i].inverse_depth : inverse_depths[i], options));
     return results;
   }
 
-  std::unique_ptr<DeviceAligner::Recording> alignment;
+  std::unique_ptr<DeviceAligner::Recording> aligned;
   RefinerOptions options;
   size_t max_features;
   int max_pairs;
@@ -95,6 +99,7 @@ class DeviceRecording : public DeviceRefiner::Recording {
   engine::Workspace memory;
   engine::DescriptorArena arena;
   std::vector<std::vector<double>> inverse_depths;  // of each pair's reference when it was recorded
+  std::vector<bool> chosen;                         // by the device: these are not known before it has run
 };
 
 }  // namespace
@@ -126,13 +131,19 @@ struct DeviceRefiner::Impl {
   void pack(DeviceRecording& r, const DevicePair& pair, uint32_t index) const {
     const Features& list = aligner.features(pair.reference);
     const std::vector<FeatureCheck>& checks = aligner.checks(pair.reference);
-    const uint32_t first = index * static_cast<uint32_t>(r.max_features);
+    const uint32_t first = index * static_cast<uint32_t>(r.max_features), count = feature_count(pair);
+    const bool chosen = internal::DeviceParts::chosen_features(aligner, pair.reference) > 0;
     auto* to = r.memory[r.ids.features].as<shaders::FeatureInfo>() + first;
     for (size_t i = 0; i < checks.size(); ++i) to[i] = internal::pack_feature(list, i, checks[i] == FeatureCheck::ok);
-    r.memory[r.ids.pairs].as<shaders::RefinePair>()[index] = {static_cast<uint32_t>(pair.reference), index, first,
-                                                              static_cast<uint32_t>(checks.size()),
-                                                              static_cast<float>(internal::unit_of(list))};
+    r.memory[r.ids.pairs].as<shaders::RefinePair>()[index] = {static_cast<uint32_t>(pair.reference), index, first, count,
+                                                              chosen ? 0.0f : static_cast<float>(internal::unit_of(list))};
     r.inverse_depths.push_back(list.inverse_depth);
+    r.chosen.push_back(chosen);
+  }
+
+  uint32_t feature_count(const DevicePair& pair) const {
+    const uint32_t chosen = internal::DeviceParts::chosen_features(aligner, pair.reference);
+    return chosen > 0 ? chosen : static_cast<uint32_t>(aligner.checks(pair.reference).size());
   }
 
   DeviceAligner& aligner;
@@ -157,10 +168,11 @@ void DeviceRefiner::record(Recording& base, VkCommandBuffer commands, std::span<
   const Impl& m = *impl_;
   auto* r = dynamic_cast<DeviceRecording*>(&base);
   if (!r) throw Error(ErrorCode::invalid_argument, "the recording was not made by DeviceRefiner::make_recording");
-  m.aligner.record(*r->alignment, commands, references, pairs);
+  m.aligner.record(*r->aligned, commands, references, pairs);
 
   r->arena.reset();
   r->inverse_depths.clear();
+  r->chosen.clear();
   const auto n = static_cast<uint32_t>(pairs.size());
   std::vector<int> slots;
   std::vector<internal::GreyTarget> targets;
@@ -169,15 +181,21 @@ void DeviceRefiner::record(Recording& base, VkCommandBuffer commands, std::span<
     m.pack(*r, pairs[i], i);
     slots.push_back(pairs[i].reference);
     targets.push_back({static_cast<int>(i)});
-    features = std::max(features, static_cast<uint32_t>(m.aligner.checks(pairs[i].reference).size()));
+    features = std::max(features, m.feature_count(pairs[i]));
   }
   const auto at = [&](engine::BufferId id) -> const engine::Buffer* { return &r->memory[id]; };
   engine::Recorder recorder(*m.aligner.context(), commands, r->arena);
   recorder.upload(*at(r->ids.pairs), 0, sizeof(shaders::RefinePair) * n);
   recorder.upload(*at(r->ids.features), 0, sizeof(shaders::FeatureInfo) * n * r->max_features);
+  for (uint32_t i = 0; i < n; ++i) {
+    if (!r->chosen[i]) continue;
+    const VkDeviceSize bytes = sizeof(shaders::FeatureInfo) * r->max_features;
+    const VkBufferCopy region{bytes * i, bytes * i, bytes};
+    recorder.copy(r->aligned->features(), *at(r->ids.features), std::span(&region, 1));
+  }
   const internal::DeviceMaps maps = m.grey->record(recorder, slots, targets);
   const auto push = internal::feature_alignment_push(m.options.feature_alignment, maps);
-  const engine::Buffer& iclk = r->alignment->results();
+  const engine::Buffer& iclk = r->aligned->results();
   m.pose.start(recorder, r->ids, r->memory, iclk, n);
   for (int round = 0; round < m.options.rounds; ++round) {
     recorder.stage("feature_alignment");

@@ -30,6 +30,8 @@ class DeviceRefiner {
     /// shaders::AlignedInfo: Plan::max_features a pair, the reference's in order; the last round's. Of a pair whose
     /// RefinedInfo::rounds is 0 they mean nothing.
     virtual const engine::Buffer& features() const = 0;
+    /// The alignment that is refined: for the features of references in which the device has chosen them.
+    virtual const DeviceAligner::Recording& alignment() const = 0;
     /// After the application waited for its submission: the same results in full. RefinedAlignment::stages have no times.
     /// Throws nothing but Error(device_lost).
     virtual std::vector<RefinedAlignment> read() const = 0;

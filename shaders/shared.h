@@ -110,6 +110,7 @@ struct ReferenceInfo {
   float mean_inverse_depth;
   uint tile_count;     // MaskTiles
   uint feature_count;  // 0 in dense mode
+  uint usable;         // of them, that take part; read where the device chooses features
 };
 
 // A feature: pixel of level 0 and inverse depth, 0 = takes no part.
@@ -244,6 +245,25 @@ struct ImportPush {
   uint row_pixels;  // of the destination
   uint first_word;  // of the image in it
   uint grey;        // 1: the first channel is the grey value
+};
+
+// Features that the device chooses: one in each cell of a lattice, where depth is known (align/device/cells.h).
+#define ICLK_CHOOSE_GROUP 64
+#define ICLK_CHOOSE_SPREAD 0.05  // of a patch's depth: what has more is taken only where a cell has nothing else
+struct ChoosePush {
+  uint border, width, height;  // of all cells, pixels
+  uint columns, rows;
+  uint row_pixels;     // from a row of the image to the next
+  uint first_word;     // of the image in the pixels
+  uint first_feature;  // of the reference in the list
+  uint inverse;        // 1: scale d + offset is the inverse depth; 0: the depth
+  float scale, offset;
+  float background;  // d where nothing was rendered
+};
+struct ChosenPush {
+  uint reference;      // chosen.comp
+  uint first_feature;
+  uint least, pairs;  // enable.comp: features that a pair needs
 };
 
 struct MaskPush {

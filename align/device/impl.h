@@ -1,5 +1,6 @@
 #pragma once
 #include <iclk/align/common/input.h>
+#include <iclk/align/device/device_image.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/device/tiles.h>
 #include <iclk/align/device_aligner.h>
@@ -18,6 +19,7 @@ struct DeviceAligner::Impl {
     std::vector<FeatureCheck> checks;
     double mean_inverse_depth = 0;
     bool enough = false;
+    uint32_t chosen = 0;   // features that the device chooses; then the four before this are empty, and enough is true
     uint64_t version = 0;  // counts the images that were prepared
   };
 
@@ -32,7 +34,7 @@ struct DeviceAligner::Impl {
   internal::WorkgroupSizes sizes;
   int batch;
   internal::Kernels kernels;
-  engine::Kernel import;  // of views; made with the first recording
+  internal::DeviceImages images;  // made with the first recording
   internal::AlignerBuffers ids;
   internal::DeviceNetwork network;
   internal::DeviceMatching matching;
@@ -43,8 +45,9 @@ struct DeviceAligner::Impl {
   std::unique_ptr<engine::StageTimer> timer;
   engine::Submission submission;  // after all that it uses: its destructor may have to wait
   std::vector<Slot> slots;
-  uint64_t targets_version = 0;  // counts the batches
-  bool recorded = false;         // record() was called: images change whenever the application executes, and nothing is counted
+  std::vector<internal::Awaited> started;  // by start(), until finish()
+  uint64_t targets_version = 0;            // counts the batches
+  bool recorded = false;  // record() was called: images change whenever the application executes, and nothing is counted
   internal::TileLists tiles;
   std::vector<engine::StageTime> no_times;
 
@@ -59,6 +62,10 @@ struct DeviceAligner::Impl {
   /// Host data of a slot: camera, features, verdicts. Pixels are another matter.
   void set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
                 std::vector<FeatureCheck> checks);
+  /// The same of a slot whose features the device will choose.
+  void set_chosen_slot(int slot, const Camera& camera);
+  /// Records what chooses them, in pixels that are there.
+  void choose_features(engine::Recorder& recorder, int slot, const DeviceDepth& depth) const;
   /// Copies staged pixels of the references that set_reference() left for this recording, and returns which they are.
   std::vector<internal::Stages::Run> upload_dirty(engine::Recorder& recorder);
   /// What set_slot() has written for slots [first, first + count).
@@ -72,7 +79,14 @@ struct DeviceAligner::Impl {
   /// Writes pair `index` of a run, a Pair or DevicePair, its starts included where there is a search.
   template <class AnyPair>
   void pack(const AnyPair& pair, uint32_t index, const internal::RunBuffers& to_ids, const engine::Workspace& to) const;
-  std::vector<Alignment> align_on_device(std::span<const Pair> pairs);
+  template <class AnyPair>
+  internal::Awaited await(const AnyPair& pair) const {
+    const Slot& slot = slots[static_cast<size_t>(pair.reference)];
+    return {slot.enough, pair.T_10, slot.camera, slot.mean_inverse_depth, pair.prior, slot.checks, slot.chosen};
+  }
+  void start(std::span<const Pair> pairs, const engine::Synchronisation& synchronisation);
+  std::vector<Alignment> finish();
+  void check_nothing_started() const;
   std::vector<Alignment> align_on_host(std::span<const Pair> pairs);
   void submit();
 

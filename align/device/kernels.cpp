@@ -1,6 +1,9 @@
 #include <iclk/align/device/kernels.h>
 
 #include "agreement.comp.spv.h"
+#include "choose.comp.spv.h"
+#include "chosen.comp.spv.h"
+#include "enable.comp.spv.h"
 #include "inverse_depth.comp.spv.h"
 #include "iterate.comp.spv.h"
 #include "jacobian.comp.spv.h"
@@ -51,6 +54,15 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                      {storage_read, storage_read, storage_read, storage_read, storage_read, storage_write},
                      sizeof(MaskPush),
                      {sizes.map, plan.max_features > 32767}});
+  if (plan.choose_features) {
+    batch.add(choose, {"choose",
+                       choose_comp_spv,
+                       {texel_read, sampled_image, storage_write},
+                       sizeof(ChoosePush),
+                       {0, 0, shader_format(plan.format)}});
+    batch.add(chosen, {"choose", chosen_comp_spv, {storage_read_write, storage_read}, sizeof(ChosenPush), {}});
+    batch.add(enable, {"choose", enable_comp_spv, {storage_read, storage_read_write}, sizeof(ChosenPush), {}});
+  }
   batch.add(jacobian, {"jacobian",
                        jacobian_comp_spv,
                        {storage_read, storage_read, storage_read, texel_read, storage_write, storage_write},

@@ -37,9 +37,16 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
     weight_stride = std::max(weight_stride, info.element_count);
     if (!plan.dense) {
       const BlockLattice blocks = lattice(info);
-      const auto reached = 4 * static_cast<uint64_t>(plan.max_features);  // each patch reaches into four at most
+      auto reached = 4 * static_cast<uint64_t>(plan.max_features);  // each patch reaches into four at most
+      if (plan.choose_features) {
+        const Cells cells(plan);
+        uint64_t anywhere = 0;
+        for (uint32_t i = 0; i < cells.count(); ++i) anywhere += blocks_of(cells[i], static_cast<size_t>(l)).count();
+        reached = std::max(reached, anywhere);
+      }
       tile_stride += static_cast<uint32_t>(std::min(reached, static_cast<uint64_t>(blocks.columns) * blocks.rows));
       entry_stride += static_cast<uint32_t>(reached);
+      most_entries = std::max(most_entries, static_cast<uint32_t>(reached));
     }
     levels.push_back(info);
   }

@@ -2,6 +2,7 @@
 #include <array>
 #include <vector>
 
+#include <iclk/align/device/cells.h>
 #include <iclk/align/model.h>
 #include <iclk/engine/context.h>
 #include <iclk/shaders/shared.h>
@@ -25,6 +26,7 @@ struct Layout {
   uint32_t trace_stride = 0;               // entries of a pair
   uint32_t tile_stride = 0;                // mask tiles of a reference at most, all levels
   uint32_t entry_stride = 0;               // their entries
+  uint32_t most_entries = 0;               // of a level
   uint32_t match_places = 0;               // of a target, where starts are matched
 
   uint32_t row_pixels() const { return blocks_x * ICLK_BLOCK; }
@@ -39,6 +41,14 @@ struct BlockLattice {
   uint32_t columns, rows;
 };
 BlockLattice lattice(const shaders::LevelInfo& level);
+
+/// Blocks of that lattice, [x0, x1] x [y0, y1].
+struct BlockRange {
+  uint32_t x0, x1, y0, y1;
+  uint32_t count() const { return (x1 + 1 - x0) * (y1 + 1 - y0); }
+};
+/// Those that the patch of a feature within a cell may reach into (align/device/tiles.cpp).
+BlockRange blocks_of(const Cells::Rectangle& cell, size_t level);
 
 /// How many pairs of a plan one batch can hold on a device: as many as its largest buffer may have, at most plan.max_pairs.
 /// Throws Error(unsupported) with the numbers if not even one fits.

@@ -50,6 +50,8 @@ struct DeviceParts {
   /// Allocates everything. Throws Error(unsupported) if it does not fit the device.
   /// `recolour`: weights other than luma's will come; without a model and without colours nothing is allocated either way.
   static std::unique_ptr<GreyMaps> make_grey_maps(const DeviceAligner& aligner, bool recolour = true);
+  /// Features that the device chooses in this slot; 0 where the host has given them.
+  static uint32_t chosen_features(const DeviceAligner& aligner, int slot);
   /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/align/jacobian.comp.
   static const engine::Buffer& template_pixels(const DeviceAligner& aligner);
   static const engine::Buffer& template_gradients(const DeviceAligner& aligner);

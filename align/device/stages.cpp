@@ -53,7 +53,8 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   }
 }
 
-RunBuffers::RunBuffers(const Layout& layout, const AlignerOptions& options, Solver solver, bool unified_memory, int count) {
+RunBuffers::RunBuffers(const Layout& layout, const Plan& aligner, const AlignerOptions& options, Solver solver,
+                       bool unified_memory, int count) {
   const auto n = static_cast<uint64_t>(count);
   const uint64_t state_bytes = sizeof(shaders::PairState) * n,
                  trace_bytes = sizeof(shaders::TraceEntry) * n * layout.trace_stride;
@@ -64,7 +65,11 @@ RunBuffers::RunBuffers(const Layout& layout, const AlignerOptions& options, Solv
   states = plan.add("states", state_bytes, MemoryKind::device, BufferUse::storage);
   trace = plan.add("trace", trace_bytes, MemoryKind::device, BufferUse::storage);
   results = plan.add("results", sizeof(shaders::ResultInfo) * n, MemoryKind::device, BufferUse::storage);
+  const auto feature_bytes = sizeof(shaders::FeatureInfo) * n * static_cast<uint64_t>(aligner.max_features);
+  if (aligner.choose_features) features = plan.add("chosen features", feature_bytes, MemoryKind::device, BufferUse::storage);
   if (!unified_memory) {
+    if (features)
+      features_read = plan.add("chosen features read back", feature_bytes, MemoryKind::readback, BufferUse::transfer);
     states_read = plan.add("states read back", state_bytes, MemoryKind::readback, BufferUse::transfer);
     trace_read = plan.add("trace read back", trace_bytes, MemoryKind::readback, BufferUse::transfer);
   }
@@ -91,6 +96,7 @@ engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& netw
   if (!network.encoder) k.pyramid.add_to(size, 2);
   k.target_masks.add_to(size);
   if (k.mask) size.add(k.mask);
+  if (k.enable) size.add(k.enable);
   if (k.inverse_depth) size.add(k.inverse_depth);
   // Twice where level 0 may lie in another buffer than the levels beyond.
   size.add(k.jacobian, 2);
@@ -234,6 +240,7 @@ void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t ite
 void Stages::align(Recorder& recorder, uint32_t pairs) const {
   // At every execution: an application may submit a recording more than once.
   recorder.copy(run[*run_ids.given], run[run_ids.pairs], sizeof(shaders::PairInfo) * pairs);
+  if (plan.choose_features) enable(recorder, pairs);
   if (options.search.enabled) search(recorder, pairs);
   uint32_t given = ICLK_FLAG_GIVEN;  // until the first dispatch that leaves a state
   for (int level = options.levels - 1; level >= 0; --level) {
@@ -269,7 +276,15 @@ void Stages::result(Recorder& recorder, uint32_t pairs) const {
 }
 
 void Stages::read_back(Recorder& recorder, uint32_t pairs) const {
-  if (!run_ids.states_read) return recorder.host_read({&run[run_ids.states], &run[run_ids.trace]});
+  if (!run_ids.states_read) {
+    if (run_ids.features) recorder.host_read({&run[*run_ids.features]});
+    return recorder.host_read({&run[run_ids.states], &run[run_ids.trace]});
+  }
+  if (run_ids.features) {
+    const engine::Buffer& kept = run[*run_ids.features];
+    recorder.copy(kept, run[*run_ids.features_read], kept.size);
+    recorder.host_read({&run[*run_ids.features_read]});
+  }
   recorder.copy(run[run_ids.states], run[*run_ids.states_read], sizeof(shaders::PairState) * pairs);
   recorder.copy(run[run_ids.trace], run[*run_ids.trace_read], sizeof(shaders::TraceEntry) * pairs * layout.trace_stride);
   recorder.host_read({&run[*run_ids.states_read], &run[*run_ids.trace_read]});
@@ -346,9 +361,9 @@ shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int referen
   return info;
 }
 
-Alignment conclude_device(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options,
-                          const Camera& camera, double mean_inverse_depth, const PosePrior* prior,
-                          const std::vector<FeatureCheck>& checks) {
+Alignment Awaited::conclude(const shaders::PairState& state, const shaders::TraceEntry* trace,
+                            const AlignerOptions& options) const {
+  if (!enough) return too_few_features(checks, T_10, options);
   Alignment out;
   out.features = checks;
   for (int level = options.levels - 1; level >= 0; --level) {
@@ -371,9 +386,9 @@ Alignment conclude_device(const shaders::PairState& state, const shaders::TraceE
   ending.camera = camera;
   ending.mean_inverse_depth = mean_inverse_depth;
   ending.agreement = unpack_agreement(state.agreement);
-  ending.prior = prior;
+  ending.prior = prior ? &*prior : nullptr;
   ending.repeats = state.repeats;
-  conclude(ending, options, out);
+  internal::conclude(ending, options, out);
   return out;
 }
 

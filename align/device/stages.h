@@ -25,12 +25,14 @@ struct AlignerBuffers {
 
 /// Buffers of one run over a batch: what the host says of the pairs and what the device solver leaves.
 struct RunBuffers {
-  RunBuffers(const Layout& layout, const AlignerOptions& options, Solver solver, bool unified_memory, int pairs);
+  RunBuffers(const Layout& layout, const Plan& plan, const AlignerOptions& options, Solver solver, bool unified_memory,
+             int pairs);
 
   engine::MemoryPlan plan;
   engine::BufferId pairs, states, trace, results;
-  std::optional<engine::BufferId> given;  // Solver::device: `pairs` as the host has them; matching changes `pairs`
-  std::optional<engine::BufferId> states_read, trace_read;  // where device memory cannot be mapped
+  std::optional<engine::BufferId> given;     // Solver::device: `pairs` as the host has them; matching changes `pairs`
+  std::optional<engine::BufferId> features;  // of each pair's reference; Plan::choose_features
+  std::optional<engine::BufferId> states_read, trace_read, features_read;  // where device memory cannot be mapped
   // Of a start search: every start of every pair, what is left after each selection, and their states.
   std::optional<engine::BufferId> starts, screened, kept, search_states;
 };
@@ -72,7 +74,9 @@ struct Stages {
   void agreement(engine::Recorder& recorder, uint32_t pairs, uint32_t flags) const;
   /// The whole coarse-to-fine alignment of the device solver, verdict included.
   void align(engine::Recorder& recorder, uint32_t pairs) const;
-  /// Makes states and trace readable for the host.
+  /// Keeps the features of this slot for pair `pair` of the run, as they are now. Precondition: Plan::choose_features.
+  void keep_features(engine::Recorder& recorder, uint32_t slot, uint32_t pair) const;
+  /// Makes states, trace and kept features readable for the host.
   void read_back(engine::Recorder& recorder, uint32_t pairs) const;
 
   /// Where a level of the references or of the targets lies.
@@ -83,6 +87,7 @@ struct Stages {
   static engine::ArenaSize arena_size(const Kernels& kernels, const DeviceNetwork& network, const DeviceMatching& matching);
 
  private:
+  void enable(engine::Recorder& recorder, uint32_t pairs) const;
   void result(engine::Recorder& recorder, uint32_t pairs) const;
   const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
   shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
@@ -96,8 +101,12 @@ struct Stages {
 void pack_starts(const shaders::PairInfo& pair, uint32_t index, const SE3& T_10, const Camera& camera,
                  const AlignerOptions& options, const RunBuffers& ids, const engine::Workspace& run);
 
-/// Mapped states or trace, wherever the host can read them.
+/// Features as the device has them, those that take no part with an inverse depth of 0.
+Features unpack_features(const shaders::FeatureInfo* features, uint32_t count);
+
+/// Mapped states, trace or kept features, wherever the host can read them.
 const shaders::PairState* read_states(const RunBuffers& ids, const engine::Workspace& run);
+const shaders::FeatureInfo* read_features(const RunBuffers& ids, const engine::Workspace& run);
 const shaders::TraceEntry* read_trace(const RunBuffers& ids, const engine::Workspace& run);
 
 NormalSums unpack_sums(const float* sums);
@@ -107,9 +116,20 @@ void pack_pose(const SE3& T, float* pose);
 shaders::PairInfo pack_pair(const SE3& T_10, const PosePrior* prior, int reference, uint32_t target, bool enabled,
                             const AlignerOptions& options);
 
-/// What the device solver left of a pair, judged like any other.
-Alignment conclude_device(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options,
-                          const Camera& camera, double mean_inverse_depth, const PosePrior* prior,
-                          const std::vector<FeatureCheck>& checks);
+/// A pair that was submitted or recorded, and what the verdict on it needs: its slot may be set anew before anybody reads it.
+struct Awaited {
+  bool enough;
+  SE3 T_10;
+  Camera camera;
+  double mean_inverse_depth;
+  std::optional<PosePrior> prior;
+  std::vector<FeatureCheck> checks;
+  uint32_t chosen = 0;  // features that the device chose: what the four before this say is not known yet
+
+  /// Precondition: chosen; what the device chose.
+  void take(const shaders::FeatureInfo* features, const AlignerOptions& options);
+  /// What the device solver left of it, judged like any other.
+  Alignment conclude(const shaders::PairState& state, const shaders::TraceEntry* trace, const AlignerOptions& options) const;
+};
 
 }  // namespace iclk::internal

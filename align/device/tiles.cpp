@@ -6,13 +6,10 @@
 namespace iclk::internal {
 namespace {
 
-// Blocks of a patch; indices begin with the block before the image, see shaders::MaskTile.
-struct Blocks {
-  uint32_t x0, x1, y0, y1;
-};
+float scale_of(size_t level) { return static_cast<float>(std::ldexp(1.0, -static_cast<int>(level))); }
 
-Blocks blocks_of(const Eigen::Vector2d& uv, float scale) {
-  const auto first = [scale](double x) {
+BlockRange blocks_of(const Eigen::Vector2d& uv, size_t level) {
+  const auto first = [scale = scale_of(level)](double x) {
     const float c = (static_cast<float>(x) + 0.5f) * scale - 0.5f;
     return static_cast<uint32_t>(static_cast<int>(std::floor(c)) - ICLK_PATCH_BEFORE + ICLK_BLOCK);
   };
@@ -22,27 +19,45 @@ Blocks blocks_of(const Eigen::Vector2d& uv, float scale) {
 
 }  // namespace
 
+BlockRange blocks_of(const Cells::Rectangle& cell, size_t level) {
+  const BlockRange first = blocks_of(Eigen::Vector2d(cell.u0, cell.v0), level);
+  const BlockRange last = blocks_of(Eigen::Vector2d(cell.u1 - 1, cell.v1 - 1), level);
+  return {first.x0, last.x1, first.y0, last.y1};
+}
+
 TileLists::TileLists(const Plan& plan, const Layout& layout) : layout_(layout) {
   if (plan.dense) return;
   const auto [columns, rows] = lattice(layout.levels[0]);
   tile_of_block_.assign(static_cast<size_t>(columns) * rows, 0);
   tiles_.reserve(layout.tile_stride);
   blocks_.reserve(layout.tile_stride);
-  entries_.resize(4 * static_cast<size_t>(plan.max_features));
+  entries_.resize(layout.most_entries);
 }
 
 uint32_t TileLists::build(const Features& features, std::span<const FeatureCheck> checks, shaders::MaskTile* tiles,
                           uint32_t* entries) {
+  constexpr BlockRange none{1, 0, 1, 0};
+  const auto blocks = [&](uint32_t i, size_t level) {
+    return checks[i] == FeatureCheck::ok ? blocks_of(features.uv[i], level) : none;
+  };
+  return build(static_cast<uint32_t>(checks.size()), blocks, tiles, entries);
+}
+
+uint32_t TileLists::build(const Cells& cells, shaders::MaskTile* tiles, uint32_t* entries) {
+  return build(
+      cells.count(), [&](uint32_t i, size_t level) { return blocks_of(cells[i], level); }, tiles, entries);
+}
+
+template <class BlocksOf>
+uint32_t TileLists::build(uint32_t features, const BlocksOf& blocks_of_feature, shaders::MaskTile* tiles, uint32_t* entries) {
   uint32_t tile_count = 0, entry_count = 0;
   for (size_t level = 0; level < layout_.levels.size(); ++level) {
-    const auto scale = static_cast<float>(std::ldexp(1.0, -static_cast<int>(level)));
     const uint32_t columns = lattice(layout_.levels[level]).columns;
     const auto for_each = [&](auto&& visit) {
-      for (size_t i = 0; i < checks.size(); ++i) {
-        if (checks[i] != FeatureCheck::ok) continue;
-        const Blocks b = blocks_of(features.uv[i], scale);
+      for (uint32_t i = 0; i < features; ++i) {
+        const BlockRange b = blocks_of_feature(i, level);
         for (uint32_t y = b.y0; y <= b.y1; ++y)
-          for (uint32_t x = b.x0; x <= b.x1; ++x) visit(static_cast<uint32_t>(i), x, y);
+          for (uint32_t x = b.x0; x <= b.x1; ++x) visit(i, x, y);
       }
     };
     tiles_.clear();

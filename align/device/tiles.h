@@ -17,8 +17,13 @@ class TileLists {
   /// Writes at most Layout::tile_stride tiles and Layout::entry_stride entries, in order, and returns the number of tiles.
   /// Features that are not ok are in no list. Positions in single precision, like the kernel's.
   uint32_t build(const Features& features, std::span<const FeatureCheck> checks, shaders::MaskTile* tiles, uint32_t* entries);
+  /// The same of features that nobody knows yet, one in each cell: wherever one's patch may reach.
+  uint32_t build(const Cells& cells, shaders::MaskTile* tiles, uint32_t* entries);
 
  private:
+  template <class BlocksOf>
+  uint32_t build(uint32_t features, const BlocksOf& blocks_of, shaders::MaskTile* tiles, uint32_t* entries);
+
   const Layout& layout_;
   std::vector<uint32_t> tile_of_block_;   // 1 + its tile in this level; 0: none yet
   std::vector<shaders::MaskTile> tiles_;  // of a level

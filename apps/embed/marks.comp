@@ -42,6 +42,7 @@ bool project(float pose[12], vec3 X, out vec2 uv) {
 
 void main() {
   FeatureInfo feature = features[gl_WorkGroupID.x];
+  if (feature.inverse_depth == 0.0) return;  // none was found in its cell
   int lane = int(gl_LocalInvocationID.x);
   vec2 from = vec2(feature.u, feature.v), found, truth;
   vec3 green = vec3(0.0, 1.0, 0.0), red = vec3(1.0, 0.0, 0.0), magenta = vec3(1.0, 0.0, 1.0), yellow = vec3(1.0, 0.85, 0.2);

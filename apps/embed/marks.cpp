@@ -22,16 +22,14 @@ constexpr VkDescriptorType kBindings[] = {VK_DESCRIPTOR_TYPE_STORAGE_IMAGE, VK_D
 
 }  // namespace
 
-Marks::Marks(Host& host, const Image& reference, const Image& target, int max_features)
-    : host_(host),
-      images_{&reference, &target},
-      points_(host, sizeof(iclk::shaders::FeatureInfo) * static_cast<uint64_t>(max_features),
-              VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, true) {}
+Marks::Marks(Host& host, uint32_t feature_count, const Image& reference, const Image& target)
+    : host_(host), images_{&reference, &target}, feature_count_(feature_count) {}
 
-Marks::Marks(Host& host, VkBuffer results, const Image& reference, const Image& target, int max_features)
-    : Marks(host, reference, target, max_features) {
+Marks::Marks(Host& host, VkBuffer results, VkBuffer features, uint32_t feature_count, const Image& reference,
+             const Image& target)
+    : Marks(host, feature_count, reference, target) {
   create_pipeline();
-  create_sets(results);
+  create_sets(results, features);
 }
 
 void Marks::create_pipeline() {
@@ -55,7 +53,7 @@ void Marks::create_pipeline() {
   check(result, "vkCreateComputePipelines");
 }
 
-void Marks::create_sets(VkBuffer results) {
+void Marks::create_sets(VkBuffer results, VkBuffer features) {
   const VkDescriptorPoolSize sizes[] = {{VK_DESCRIPTOR_TYPE_STORAGE_IMAGE, 2}, {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 4}};
   const VkDescriptorPoolCreateInfo pool{VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, nullptr, 0, 2, 2, sizes};
   check(vkCreateDescriptorPool(host_.device, &pool, nullptr, &pool_), "vkCreateDescriptorPool");
@@ -63,7 +61,7 @@ void Marks::create_sets(VkBuffer results) {
   const VkDescriptorSetAllocateInfo two{VK_STRUCTURE_TYPE_DESCRIPTOR_SET_ALLOCATE_INFO, nullptr, pool_, 2, layouts};
   check(vkAllocateDescriptorSets(host_.device, &two, sets_), "vkAllocateDescriptorSets");
   const VkDescriptorBufferInfo buffers[] = {{results, 0, sizeof(iclk::shaders::RefinedInfo)},
-                                            {points_.handle, 0, VK_WHOLE_SIZE}};
+                                            {features, 0, sizeof(iclk::shaders::FeatureInfo) * feature_count_}};
   for (size_t i = 0; i < 2; ++i) {
     const VkDescriptorImageInfo image{VK_NULL_HANDLE, images_[i]->view, VK_IMAGE_LAYOUT_GENERAL};
     VkWriteDescriptorSet writes[3];
@@ -81,12 +79,7 @@ Marks::~Marks() {
   vkDestroyDescriptorSetLayout(host_.device, set_layout_, nullptr);
 }
 
-void Marks::record(VkCommandBuffer commands, const iclk::Camera& camera, const iclk::Features& features,
-                   const iclk::SE3& T_10) {
-  auto* points = points_.as<iclk::shaders::FeatureInfo>();
-  for (size_t i = 0; i < features.uv.size(); ++i)
-    points[i] = {static_cast<float>(features.uv[i].x()), static_cast<float>(features.uv[i].y()),
-                 static_cast<float>(features.inverse_depth[i]), 0};
+void Marks::record(VkCommandBuffer commands, const iclk::Camera& camera, const iclk::SE3& T_10) {
   MarksPush push{static_cast<float>(camera.fx),
                  static_cast<float>(camera.fy),
                  static_cast<float>(camera.cx),
@@ -105,7 +98,7 @@ void Marks::record(VkCommandBuffer commands, const iclk::Camera& camera, const i
     push.target = i;
     vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, layout_, 0, 1, &sets_[i], 0, nullptr);
     vkCmdPushConstants(commands, layout_, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof push, &push);
-    vkCmdDispatch(commands, static_cast<uint32_t>(features.uv.size()), 1, 1);
+    vkCmdDispatch(commands, feature_count_, 1, 1);
   }
 }
 

@@ -56,16 +56,17 @@ Buffer::~Buffer() {
   vkFreeMemory(host_.device, memory_, nullptr);
 }
 
-Image::Image(Host& host, uint32_t w, uint32_t h) : Image(host) {
+Image::Image(Host& host, uint32_t w, uint32_t h, VkFormat format) : Image(host) {
   width = w, height = h;
   VkImageCreateInfo info{VK_STRUCTURE_TYPE_IMAGE_CREATE_INFO};
   info.imageType = VK_IMAGE_TYPE_2D;
-  info.format = VK_FORMAT_R8G8B8A8_UNORM;
+  info.format = format;
   info.extent = {w, h, 1};
   info.mipLevels = info.arrayLayers = 1;
   info.samples = VK_SAMPLE_COUNT_1_BIT;
-  // iclk needs TRANSFER_SRC; the rest is the application's.
-  info.usage = VK_IMAGE_USAGE_TRANSFER_SRC_BIT | VK_IMAGE_USAGE_TRANSFER_DST_BIT | VK_IMAGE_USAGE_STORAGE_BIT;
+  // iclk needs TRANSFER_SRC of images and SAMPLED of views; the rest is the application's.
+  info.usage = VK_IMAGE_USAGE_TRANSFER_SRC_BIT | VK_IMAGE_USAGE_SAMPLED_BIT | VK_IMAGE_USAGE_TRANSFER_DST_BIT |
+               VK_IMAGE_USAGE_STORAGE_BIT;
   check(vkCreateImage(host.device, &info, nullptr, &handle), "vkCreateImage");
   VkMemoryRequirements needs;
   vkGetImageMemoryRequirements(host.device, handle, &needs);
@@ -93,7 +94,9 @@ void Image::record_fill(VkCommandBuffer commands, VkBuffer pixels) const {
           {VK_PIPELINE_STAGE_TRANSFER_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, 0, VK_IMAGE_LAYOUT_UNDEFINED}, written);
   const VkBufferImageCopy region = whole(*this);
   vkCmdCopyBufferToImage(commands, pixels, handle, written.layout, 1, &region);
-  barrier(commands, handle, written, {VK_PIPELINE_STAGE_TRANSFER_BIT, VK_ACCESS_TRANSFER_READ_BIT, VK_IMAGE_LAYOUT_GENERAL});
+  barrier(commands, handle, written,
+          {VK_PIPELINE_STAGE_TRANSFER_BIT | VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT,
+           VK_ACCESS_TRANSFER_READ_BIT | VK_ACCESS_SHADER_READ_BIT, VK_IMAGE_LAYOUT_GENERAL});
 }
 
 void Image::record_before_drawing(VkCommandBuffer commands) const {

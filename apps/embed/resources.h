@@ -28,15 +28,16 @@ class Buffer {
   void* data_ = nullptr;
 };
 
-/// An image of the application, R8G8B8A8_UNORM, to copy to and from and to draw into by imageStore.
+/// An image of the application, to copy to and from, to sample and to draw into by imageStore.
 class Image {
  public:
-  Image(Host& host, uint32_t width, uint32_t height);
+  Image(Host& host, uint32_t width, uint32_t height, VkFormat format = VK_FORMAT_R8G8B8A8_UNORM);
   ~Image();
   Image(const Image&) = delete;
   Image& operator=(const Image&) = delete;
 
-  /// Takes pixels, rows packed, that a transfer may read; what was in the image is lost. Leaves it in GENERAL for copies.
+  /// Takes pixels, rows packed, that a transfer may read; what was in the image is lost. Leaves it in GENERAL for
+  /// copies and compute shaders that read it.
   void record_fill(VkCommandBuffer commands, VkBuffer pixels) const;
   /// Compute shaders that follow may draw into it: what copied it before has finished. Stays in GENERAL.
   void record_before_drawing(VkCommandBuffer commands) const;

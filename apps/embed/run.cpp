@@ -21,7 +21,7 @@ using Clock = std::chrono::steady_clock;
 
 double milliseconds(Clock::duration d) { return std::chrono::duration<double, std::milli>(d).count(); }
 
-/// A terrain renderer that leaves colours in buffers of the application, from where they go into its images.
+/// A terrain renderer that leaves colours and depths in buffers of the application, from where they go into its images.
 class Renderer {
  public:
   Renderer(Host& host, const std::shared_ptr<iclk::engine::Context>& context, const iclk::Terrain& terrain,
@@ -32,17 +32,21 @@ class Renderer {
         context_(context),
         colour0_(host, bytes(camera), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT),
         colour1_(host, bytes(camera), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT),
-        depth_(host, bytes(camera), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT) {}
+        depth0_(host, bytes(camera), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT),
+        depth1_(host, bytes(camera), VK_BUFFER_USAGE_STORAGE_BUFFER_BIT) {}
 
-  /// Both views, into both images. Nobody reads the depth: features bring their own.
-  void record(VkCommandBuffer commands, const iclk::SE3& T_W0, const iclk::SE3& T_W1, const Image& view0, const Image& view1) {
+  /// Both views and the depth of the first one, into images.
+  void record(VkCommandBuffer commands, const iclk::SE3& T_W0, const iclk::SE3& T_W1, const Image& view0, const Image& depth0,
+              const Image& view1) {
     iclk::engine::Recorder recorder(*context_, commands, arena_);
     const iclk::engine::Buffer rgba0{.handle = colour0_.handle, .size = colour0_.size},
-        rgba1{.handle = colour1_.handle, .size = colour1_.size}, depth{.handle = depth_.handle, .size = depth_.size};
-    renderer_.record(recorder, camera_, T_W0, rgba0, depth);
-    renderer_.record(recorder, camera_, T_W1, rgba1, depth);
-    recorder.publish({&rgba0, &rgba1});
+        rgba1{.handle = colour1_.handle, .size = colour1_.size}, z0{.handle = depth0_.handle, .size = depth0_.size},
+        z1{.handle = depth1_.handle, .size = depth1_.size};
+    renderer_.record(recorder, camera_, T_W0, rgba0, z0);
+    renderer_.record(recorder, camera_, T_W1, rgba1, z1);
+    recorder.publish({&rgba0, &z0, &rgba1});
     view0.record_fill(commands, colour0_.handle);
+    depth0.record_fill(commands, depth0_.handle);
     view1.record_fill(commands, colour1_.handle);
   }
 
@@ -60,18 +64,22 @@ class Renderer {
   iclk::TerrainRenderer renderer_;
   iclk::engine::DescriptorArena arena_;  // the same buffers every frame: filled once
   std::shared_ptr<const iclk::engine::Context> context_;
-  Buffer colour0_, colour1_, depth_;
+  Buffer colour0_, colour1_, depth0_, depth1_;
 };
 
-/// Mean distance of the features' places in image 1 by two poses; infinite if one puts a feature behind the camera.
+/// Mean distance of the features' places in image 1 by two poses; infinite if one puts a feature behind the camera, or without
+/// features.
 double pixels_apart(const iclk::Camera& camera, const iclk::Features& features, const iclk::SE3& a, const iclk::SE3& b) {
   double sum = 0;
+  int count = 0;
   for (size_t i = 0; i < features.uv.size(); ++i) {
+    if (!(features.inverse_depth[i] > 0)) continue;
+    ++count;
     const Eigen::Vector3d X = camera.ray(features.uv[i]) / features.inverse_depth[i];
     if ((a * X).z() <= 0 || (b * X).z() <= 0) return INFINITY;
     sum += (camera.project(a * X) - camera.project(b * X)).norm();
   }
-  return sum / static_cast<double>(features.uv.size());
+  return count > 0 ? sum / count : INFINITY;
 }
 
 }  // namespace
@@ -81,7 +89,6 @@ Report run(const Options& options) {
   const iclk::Camera camera{f, f, 0.5 * (options.width - 1), 0.5 * (options.height - 1), options.width, options.height};
   const auto width = static_cast<uint32_t>(options.width), height = static_cast<uint32_t>(options.height);
   const iclk::Terrain terrain = iclk::procedural_terrain({.seed = options.seed, .size = 512});
-  const auto points = landmarks(terrain, 3);
 
   Report report;
   {
@@ -89,6 +96,7 @@ Report run(const Options& options) {
     report.device = host.device_name;
     report.cpu_unasked = host.cpu_unasked;
     const Image reference(host, width, height), target(host, width, height);
+    const Image depth(host, width, height, VK_FORMAT_R32_SFLOAT);
     // README
     // Once: our device is yours, and all memory is allocated here.
     auto context = iclk::engine::adopt_device({.instance = host.instance,
@@ -96,7 +104,7 @@ Report run(const Options& options) {
                                                .device = host.device,
                                                .queue = host.queue,
                                                .queue_family = host.queue_family});
-    iclk::Plan plan{.width = camera.width, .height = camera.height, .max_features = options.features};
+    iclk::Plan plan{.width = camera.width, .height = camera.height, .max_features = options.features, .choose_features = true};
     iclk::DeviceAligner aligner(context, plan, {}, iclk::Solver::device);
     iclk::DeviceRefiner refiner(aligner);
     auto recording = refiner.make_recording();
@@ -105,7 +113,8 @@ Report run(const Options& options) {
     };
     // end
     Renderer renderer(host, context, terrain, camera);
-    Marks marks(host, recording->results().handle, reference, target, options.features);
+    Marks marks(host, recording->results().handle, recording->alignment().features().handle,
+                static_cast<uint32_t>(options.features), reference, target);
     Stopwatch stopwatch(host, 3);
 
     iclk::SE3 T_W0 = camera_pose(terrain, 0);
@@ -113,28 +122,30 @@ Report run(const Options& options) {
       // The map is seen from where the camera was found in the frame before, so the first guess is no motion at all, and the
       // reference is new in every frame. A keyframe that stays would be given once, and no references here.
       const iclk::SE3 T_W1 = camera_pose(terrain, frame), truth = T_W1.inverse() * T_W0;
-      const iclk::Features features = visible_features(points, camera, T_W0, options.features);
 
       const auto start = Clock::now();
       VkCommandBuffer commands = host.begin();
       stopwatch.record_start(commands);
-      renderer.record(commands, T_W0, T_W1, reference, target);
+      renderer.record(commands, T_W0, T_W1, reference, depth, target);
       stopwatch.record(commands);
       // README
       // Every frame, behind the commands that render both images: alignment and refinement, into your command buffer.
-      iclk::DeviceReference keyframe{.slot = 0, .image = image(reference.handle), .camera = camera, .features = features};
+      // The device chooses features where your depth image says how far they are.
+      iclk::DeviceDepth metres{.view = {depth.view, VK_IMAGE_LAYOUT_GENERAL, width, height}};
+      iclk::DeviceReference keyframe{.slot = 0, .image = image(reference.handle), .camera = camera, .depth = metres};
       iclk::DevicePair pair{.reference = 0, .target = image(target.handle)};
       refiner.record(*recording, commands, {&keyframe, 1}, {&pair, 1});
       // end
       stopwatch.record(commands);
       // README
       // Your shaders read recording->results(), a VkBuffer of shaders::RefinedInfo.
-      marks.record(commands, camera, features, truth);
+      marks.record(commands, camera, truth);
       host.submit_and_wait();
       iclk::RefinedAlignment result = recording->read().front();  // the same on the host, with the trace
       // end
       FrameReport r{.status = result.status};
       r.ms = milliseconds(Clock::now() - start);
+      const iclk::Features features = recording->alignment().read_features().front();
       r.start_px = pixels_apart(camera, features, {}, truth);
       r.error_px = pixels_apart(camera, features, result.T_10, truth);
       const iclk::SE3 off = result.T_10.inverse() * truth;

@@ -1,5 +1,6 @@
 #include <iclk/engine/internal/memory_layout.h>
 
+#include <algorithm>
 #include <array>
 
 #include <iclk/engine/result.h>
@@ -98,6 +99,7 @@ MemoryLayout place_buffers(const std::vector<BufferDescription>& buffers, const 
       offset = 0;
     }
     layout.chunks[c].bytes = offset + needs[i].size;
+    layout.chunks[c].alignment = std::max(layout.chunks[c].alignment, needs[i].alignment);
     layout.places[i] = {c, offset};
   }
   check_heaps(layout, memory);

@@ -10,6 +10,7 @@ struct Chunk {
   MemoryKind kind = MemoryKind::device;
   uint32_t memory_type = 0;
   VkDeviceSize bytes = 0;
+  VkDeviceSize alignment = 1;  ///< the largest of its buffers'
 };
 
 struct Place {

@@ -1,8 +1,8 @@
 #version 460
 // Mask of a reference (align/solver/mask.h: sparse_mask): which pixels of its patch belong to a feature. A pixel in
 // several patches belongs to the nearest feature, on a tie to the lower index.
-// The host lists for every 8x8 block the features that reach into it (align/device/tiles.h). Each pixel finds its owner in
-// the list of its block, then tells every feature of the list: work in proportion to the features, however they crowd.
+// The host lists for every 8x8 block the features that reach into it, or may (align/device/tiles.h). Each pixel finds its owner
+// in the list of its block, then tells every feature of the list: work in proportion to the features, however they crowd.
 // Output: two words a patch row, whose union has bit i set where pixel i belongs to the feature: a row lies in two blocks.
 // Groups: (n, references, m), n m >= ceil(8 tile_stride / local size); an invocation is a row of a block.
 #extension GL_GOOGLE_include_directive : require
@@ -52,7 +52,7 @@ void tell(Row row, uint feature) {
   ivec2 offset = ivec2(floor(centre(row, feature))) - ICLK_PATCH_BEFORE - row.first;  // of the patch
   uint bits = 0u;
   [[unroll]] for (int i = 0; i < ICLK_BLOCK; ++i) bits |= owner[i] == feature ? 1u << i : 0u;
-  if (offset.y > 0 || offset.y <= -ICLK_PATCH) return;
+  if (offset.y > 0 || offset.y <= -ICLK_PATCH || abs(offset.x) >= ICLK_BLOCK) return;
   uint at = 2u * (row.elements_at / ICLK_PATCH + feature * ICLK_PATCH + uint(-offset.y));
   // Of two blocks the left one has the first word. Where there is but one, the second word is its as well.
   if (offset.x >= 0) mask[at] = bits >> offset.x;

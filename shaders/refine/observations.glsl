@@ -30,6 +30,7 @@ void begin(uint index) {
   lane = gl_LocalInvocationID.x;
   pair = pairs[index];
   reference = references[pair.reference];
+  if (pair.unit == 0.0) pair.unit = reference.mean_inverse_depth > 0.0 ? reference.mean_inverse_depth : 1.0;
 }
 
 // In the unit of the pair.

@@ -49,7 +49,8 @@ struct FeatureAlignmentPush {
 struct RefinePair {
   uint reference, pair;
   uint first_feature, feature_count;  // in the lists of features
-  float unit;                         // mean inverse depth: poses are refined in the unit of length in which it is 1
+  // Mean inverse depth: poses are refined in the unit of length in which it is 1. 0: the reference's.
+  float unit;
 };
 
 // What a round of feature alignment and pose leaves to the next one, and to the verdict: PoseResult of refine/pose.h.

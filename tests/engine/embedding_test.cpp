@@ -1,4 +1,6 @@
 // A host application's device: made here, adopted, and still whole afterwards.
+#include <bit>
+#include <map>
 #include <numeric>
 
 #include <iclk/engine/error.h>
@@ -55,6 +57,106 @@ TEST(Embedding, TheHostsPipelineCacheIsUsedAndKept) {
     scale_kernel(context, 8);
   }
   app.functions.DestroyPipelineCache(app.device, host.pipeline_cache, nullptr);  // a second destruction would be a message
+}
+
+/// Hands out parts of one allocation a memory type, as VMA does, and counts.
+struct Allocator {
+  static constexpr VkDeviceSize kRoom = 4 << 20, kBegin = 192;
+  explicit Allocator(Application& app) : app(app) {}
+  ~Allocator() {
+    EXPECT_EQ(given, 0);
+    for (const auto& [type, pool] : pools) app.functions.FreeMemory(app.device, pool.memory, nullptr);
+  }
+  MemoryBlock allocate(const MemoryRequest& request) {
+    const VkMemoryRequirements& needs = request.requirements;
+    EXPECT_EQ(std::popcount(needs.memoryTypeBits), 1);
+    const auto type = static_cast<uint32_t>(std::countr_zero(needs.memoryTypeBits));
+    if (refuse) return {};
+    Pool& pool = pools[type];
+    if (!pool.memory) {
+      const VkMemoryAllocateInfo info{VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, nullptr, kRoom, type};
+      check(app.functions.AllocateMemory(app.device, &info, nullptr, &pool.memory), "vkAllocateMemory");
+      if (request.properties & VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT)
+        check(app.functions.MapMemory(app.device, pool.memory, 0, VK_WHOLE_SIZE, 0, &pool.mapped), "vkMapMemory");
+    }
+    const VkDeviceSize offset = (pool.used + needs.alignment - 1) / needs.alignment * needs.alignment + shift;
+    pool.used = offset + needs.size;
+    EXPECT_LE(pool.used, kRoom);
+    ++given;
+    return {pool.memory, offset, pool.mapped ? static_cast<std::byte*>(pool.mapped) + offset : nullptr, this};
+  }
+  void free(const MemoryBlock& block) {
+    EXPECT_EQ(block.handle, this);
+    --given;
+  }
+  HostDevice with(HostDevice host) {
+    host.allocate_memory = [this](const MemoryRequest& request) { return allocate(request); };
+    host.free_memory = [this](const MemoryBlock& block) { free(block); };
+    return host;
+  }
+  struct Pool {
+    VkDeviceMemory memory = VK_NULL_HANDLE;
+    void* mapped = nullptr;
+    VkDeviceSize used = kBegin;  // somebody else has the beginning
+  };
+  Application& app;
+  std::map<uint32_t, Pool> pools;
+  int given = 0;
+  bool refuse = false;
+  VkDeviceSize shift = 0;
+};
+
+TEST(Embedding, AllMemoryComesFromTheHostsAllocator) {
+  ICLK_NEED_DEVICE();
+  Application app;
+  Allocator allocator(app);
+  const auto context = adopt_device(allocator.with(app.handed_over()));
+  MemoryPlan plan;
+  const BufferId in = plan.add("in", count * 4, MemoryKind::upload, BufferUse::transfer),
+                 data = plan.add("data", count * 4, MemoryKind::device, BufferUse::storage),
+                 table = plan.add("table", count * 4, MemoryKind::table, BufferUse::storage),
+                 out = plan.add("out", count * 8, MemoryKind::readback, BufferUse::transfer);
+  {
+    const Workspace memory(context, plan);
+    EXPECT_GE(allocator.given, 1);
+    const Kernel kernel = scale_kernel(context, 8);
+    std::iota(memory[in].as<uint32_t>(), memory[in].as<uint32_t>() + count, 0u);
+    std::iota(memory[table].as<uint32_t>(), memory[table].as<uint32_t>() + count, 1000u);
+    run(context, [&](Recorder& recorder) {
+      recorder.copy(memory[in], memory[data], count * 4);
+      recorder.upload(memory[table], 0, count * 4);
+      recorder.dispatch(kernel, {&memory[data]}, ScalePush{count, 0}, {groups_for(count, 8)});
+      recorder.dispatch(kernel, {&memory[table]}, ScalePush{count, 0}, {groups_for(count, 8)});
+      recorder.copy(memory[data], memory[out], count * 4);
+      const VkBufferCopy second{0, count * 4, count * 4};
+      recorder.copy(memory[table], memory[out], std::span(&second, 1));
+      recorder.host_read({&memory[out]});
+    });
+    EXPECT_EQ(memory[out].as<uint32_t>()[count - 1], 3 * (count - 1) + 1);
+    EXPECT_EQ(memory[out].as<uint32_t>()[count], 3 * 1000u + 1);
+  }
+  EXPECT_EQ(allocator.given, 0);
+
+  allocator.refuse = true;
+  try {
+    const Workspace none(context, plan);
+    ADD_FAILURE() << "memory out of nowhere";
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), ErrorCode::out_of_memory);
+    EXPECT_NE(std::string(error.what()).find("allocate_memory"), std::string::npos) << error.what();
+  }
+  allocator.refuse = false;
+  allocator.shift = 4;  // no multiple of any alignment
+  EXPECT_THROW(Workspace(context, plan), Error);
+  EXPECT_EQ(allocator.given, 0);
+}
+
+TEST(Embedding, AnAllocatorIsWholeOrNone) {
+  ICLK_NEED_DEVICE();
+  Application app;
+  HostDevice host = app.handed_over();
+  host.free_memory = [](const MemoryBlock&) {};
+  EXPECT_THROW(adopt_device(host), Error);
 }
 
 /// An 8-bit colour image of the application, texel i = i.

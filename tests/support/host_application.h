@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <cstring>
 
 #include <gtest/gtest.h>
@@ -35,9 +36,15 @@ class Application {
     VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO};
     info.queueCreateInfoCount = 1;
     info.pQueueCreateInfos = &queue_info;
-    const std::vector<std::string> enabled = extensions_to_enable(requirements(), capabilities_of(vk, physical));
+    const DeviceCapabilities offered = capabilities_of(vk, physical);
+    std::vector<std::string> enabled = extensions_to_enable(requirements(), offered);
+    timelines = std::count(offered.device_extensions.begin(), offered.device_extensions.end(), "VK_KHR_timeline_semaphore");
+    if (timelines) enabled.push_back("VK_KHR_timeline_semaphore");
     std::vector<const char*> extensions;
     for (const std::string& extension : enabled) extensions.push_back(extension.c_str());
+    VkPhysicalDeviceTimelineSemaphoreFeatures timeline{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES};
+    timeline.timelineSemaphore = VK_TRUE;
+    if (timelines) info.pNext = &timeline;
     info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
     info.ppEnabledExtensionNames = extensions.data();
     check(vk.CreateDevice(physical, &info, nullptr, &device), "vkCreateDevice");
@@ -49,6 +56,10 @@ class Application {
     load(image_requirements, "vkGetImageMemoryRequirements");
     load(bind_image, "vkBindImageMemory");
     load(copy_to_image, "vkCmdCopyBufferToImage");
+    load(create_semaphore, "vkCreateSemaphore");
+    load(destroy_semaphore, "vkDestroySemaphore");
+    load(signal_semaphore, "vkSignalSemaphoreKHR");
+    load(wait_semaphores, "vkWaitSemaphoresKHR");
     functions.GetDeviceQueue(device, family, 0, &queue);
   }
   ~Application() {
@@ -56,7 +67,9 @@ class Application {
     functions.DestroyDevice(device, nullptr);
   }
   HostDevice handed_over() const {
-    return {instance.handle(), physical, device, queue, family, instance.get_instance_proc_addr(), {}, {}, {}};
+    HostDevice host{instance.handle(), physical, device, queue, family};
+    host.get_instance_proc_addr = instance.get_instance_proc_addr();
+    return host;
   }
   std::shared_ptr<Context> adopt() const { return adopt_device(handed_over()); }
 
@@ -73,12 +86,40 @@ class Application {
   PFN_vkGetImageMemoryRequirements image_requirements = nullptr;
   PFN_vkBindImageMemory bind_image = nullptr;
   PFN_vkCmdCopyBufferToImage copy_to_image = nullptr;
+  bool timelines = false;  // timeline semaphores are enabled
+  PFN_vkCreateSemaphore create_semaphore = nullptr;
+  PFN_vkDestroySemaphore destroy_semaphore = nullptr;
+  PFN_vkSignalSemaphore signal_semaphore = nullptr;
+  PFN_vkWaitSemaphores wait_semaphores = nullptr;
 
  private:
   template <class Function>
   void load(Function& function, const char* name) {
     function = reinterpret_cast<Function>(instance.functions().GetDeviceProcAddr(device, name));
   }
+};
+
+/// A timeline semaphore of the application.
+struct Timeline {
+  explicit Timeline(Application& application) : app(application) {
+    const VkSemaphoreTypeCreateInfo type{VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO, nullptr, VK_SEMAPHORE_TYPE_TIMELINE, 0};
+    const VkSemaphoreCreateInfo info{VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO, &type, 0};
+    check(app.create_semaphore(app.device, &info, nullptr, &handle), "vkCreateSemaphore");
+  }
+  ~Timeline() { app.destroy_semaphore(app.device, handle, nullptr); }
+  void signal(uint64_t value) const {
+    const VkSemaphoreSignalInfo info{VK_STRUCTURE_TYPE_SEMAPHORE_SIGNAL_INFO, nullptr, handle, value};
+    check(app.signal_semaphore(app.device, &info), "vkSignalSemaphore");
+  }
+  /// Whether it reached `value` within so many nanoseconds.
+  bool wait(uint64_t value, uint64_t nanoseconds = UINT64_MAX) const {
+    const VkSemaphoreWaitInfo info{VK_STRUCTURE_TYPE_SEMAPHORE_WAIT_INFO, nullptr, 0, 1, &handle, &value};
+    const VkResult result = app.wait_semaphores(app.device, &info, nanoseconds);
+    check(result, "vkWaitSemaphores");
+    return result == VK_SUCCESS;
+  }
+  Application& app;
+  VkSemaphore handle = VK_NULL_HANDLE;
 };
 
 /// An image of the application, kept in one layout.
