@@ -1,0 +1,101 @@
+#include <spdlog/spdlog.h>
+
+#include "apps/batch/progress.h"
+#include "apps/commands/command.h"
+#include "apps/io/depth_sigma.h"
+#include "apps/session/session.h"
+#include "apps/track/run.h"
+
+namespace iclk {
+namespace {
+
+struct TrackCommand {
+  TrackRunOptions run;
+  std::string camera, distortion, solver = "device", depth_sigma = "structured-light";
+};
+
+const char* const kFooter =
+    "FOLDER is a TUM RGB-D recording: rgb.txt, depth.txt, and camera.txt (fx fy cx cy width height depth_scale) or --camera;\n"
+    "with groundtruth.txt the errors are told. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
+    "\n"
+    "Written to --out: live.txt (TUM trajectory as each frame was answered) and frames.jsonl (status, covariance, times) grow\n"
+    "with every frame; trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by the\n"
+    "keyframes' last poses. evo reads them: evo_ape tum groundtruth.txt trajectory.txt -a\n"
+    "\n"
+    "Examples:\n"
+    "  iclk track recording --out tracked\n"
+    "  iclk track recording --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633 --out tracked\n"
+    "  iclk track recording --model sd6dof-small --stride 2\n"
+    "\n";
+
+void run_track(const TrackCommand& command) {
+  TrackRunOptions options = command.run;
+  if (!command.camera.empty()) options.camera = load_camera(command.camera);
+  if (!command.distortion.empty()) options.distortion = parse_distortion(command.distortion);
+  options.solver = parse_solver(command.solver);
+  const DepthSigma sigma = parse_depth_sigma(command.depth_sigma);
+  options.tracker.depth_noise = {sigma.constant, sigma.relative};
+  if (sigma.disparity > 0) {
+    const Sequence sequence = load_sequence(options.folder);
+    const Camera& camera = options.camera ? options.camera->camera : sequence.camera.value().camera;
+    options.tracker.depth_noise.constant += sigma.disparity / std::abs(camera.fx);
+  }
+  options.tracker.check();
+  ProgressBar bar;
+  const auto start = std::chrono::steady_clock::now();
+  const TrackReport report = track_sequence(options, [&](int done, int total, int lost) {
+    bar.show({.total = total,
+              .before = 0,
+              .done = done,
+              .failed = lost,
+              .seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
+  });
+  bar.clear();
+  if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan here: running on {}", report.device);
+  print(to_text(report));
+  if (!options.out.empty())
+    print("written    trajectory.txt, trajectory_kitti.txt, live.txt, keyframes.txt, frames.jsonl, map.ply, path.png in " +
+          options.out + "\n");
+}
+
+}  // namespace
+
+void add_track(CLI::App& app) {
+  CLI::App* command = app.add_subcommand("track", "Follow a camera with depth through a recording: trajectory and sparse map");
+  auto options = std::make_shared<TrackCommand>();
+  TrackRunOptions& run = options->run;
+  TrackerOptions& tracker = run.tracker;
+  command->add_option("FOLDER", run.folder, "Recording in the TUM RGB-D layout")
+      ->required()
+      ->check(not_empty)
+      ->type_name("DIR");
+  command->option_defaults()->group("Input");
+  command->add_option("--camera", options->camera, "fx,fy,cx,cy[,width,height] or a file, as of align; default: FOLDER's");
+  command->add_option("--distortion", options->distortion,
+                      "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's");
+  command->add_option("--depth-scale", run.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
+  command
+      ->add_option("--depth-sigma", options->depth_sigma,
+                   "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%")
+      ->capture_default_str();
+  command->add_option("--first", run.first, "Frame to begin with")->capture_default_str()->check(CLI::NonNegativeNumber);
+  command->add_option("--frames", run.count, "Frames, at most; 0: all")->capture_default_str()->check(CLI::NonNegativeNumber);
+  command->add_option("--stride", run.stride, "Take every so many frames")->capture_default_str()->check(CLI::PositiveNumber);
+  command->option_defaults()->group("Tracking");
+  command->add_option("--count", tracker.detector.count, "Features a keyframe")->capture_default_str();
+  command->add_option("--keyframes", tracker.keyframes, "Keyframes that are held; the oldest leave")->capture_default_str();
+  command->add_option("--window", tracker.window, "Newest keyframes that are adjusted together")->capture_default_str();
+  command
+      ->add_option("--min-visible", tracker.min_visible,
+                   "A frame that sees less of its keyframe's features becomes a keyframe")
+      ->capture_default_str();
+  command->add_option("--model", run.model, "classical, the name of a model, or a file")->capture_default_str();
+  command->add_option("--solver", options->solver, "device, host or cpu")->capture_default_str();
+  command->add_option("--device", run.device, "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
+  command->option_defaults()->group("Output");
+  command->add_option("--out", run.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
+  command->footer(std::string(kFooter) + kExitCodesHelp);
+  command->callback([options] { run_track(*options); });
+}
+
+}  // namespace iclk

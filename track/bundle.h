@@ -1,0 +1,56 @@
+#pragma once
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <iclk/align/camera.h>
+#include <iclk/align/se3.h>
+
+namespace iclk {
+
+/// A keyframe of a bundle: its pose, and its features with what is known of their inverse depths.
+struct BundleFrame {
+  SE3 T_WC;
+  bool fixed = false;  ///< pose and inverse depths stay
+  std::vector<Eigen::Vector2d> uv;
+  std::vector<double> inverse_depth;
+  std::vector<double> prior, prior_sigma;  ///< of inverse_depth: mean and standard deviation; sigma 0: none
+};
+
+/// Feature `feature` of frame `frame`, seen in the image of frame `seen_in`.
+struct BundleSighting {
+  int frame = 0, feature = 0, seen_in = 0;
+  Eigen::Vector2d uv;
+  Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  ///< px^2
+};
+
+/// A motion between two frames that was found otherwise: T_to_from = mean Exp(xi), xi of this covariance, [rho, phi].
+struct BundleEdge {
+  int from = 0, to = 0;
+  SE3 T_to_from;
+  Matrix6d covariance = Matrix6d::Identity();
+};
+
+struct BundleOptions {
+  double floor = 0.2;         ///< px: what a sharp sighting is still wrong by, a floor of every covariance
+  double cauchy_scale = 2.0;  ///< a residual of so many standard deviations has half the weight
+  int iterations = 12;
+};
+
+struct BundleResult {
+  bool usable = false;  ///< the frames were changed
+  double initial_cost = 0, cost = 0;
+  int iterations = 0, sightings = 0;
+};
+
+/// Poses and inverse depths of all frames together:
+///
+///   min sum rho(|W (project(T_jW T_Wi ray / q) - uv)|^2) + sum ((q - prior) / sigma)^2 + sum |xi|^2 of the edges
+///
+/// with W = (covariance + floor^2 I)^-1/2 and Cauchy's loss; inverse depths are eliminated first. Sightings behind a camera are
+/// left out. Where no frame is fixed, the first one is held. Precondition: indices within the frames.
+BundleResult adjust(const Camera& camera, std::span<BundleFrame> frames, std::span<const BundleSighting> sightings,
+                    std::span<const BundleEdge> edges = {}, const BundleOptions& options = {});
+
+}  // namespace iclk

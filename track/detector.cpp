@@ -1,0 +1,129 @@
+#include <iclk/track/detector.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <iclk/shaders/shared.h>
+
+namespace iclk {
+namespace {
+
+/// Sums of 7x7 products of gradients give the smaller eigenvalue of their mean matrix, at every pixel.
+Map texture_of(const Map& grey) {
+  constexpr int kReach = 3;
+  const int w = grey.width, h = grey.height;
+  Map xx(w, h), xy(w, h), yy(w, h), out(w, h);
+  for (int v = 0; v < h; ++v)
+    for (int u = 0; u < w; ++u) {
+      const auto gu = static_cast<float>(grey.gradient_u(u, v)), gv = static_cast<float>(grey.gradient_v(u, v));
+      xx.at(u, v) = gu * gu;
+      xy.at(u, v) = gu * gv;
+      yy.at(u, v) = gv * gv;
+    }
+  // A box is a row's sum and then a column's, each updated by what enters and leaves.
+  const auto box = [&](Map& m) {
+    std::vector<float> line(static_cast<size_t>(std::max(w, h)));
+    const auto slide = [&](int n, auto at) {
+      float sum = 0;
+      for (int i = 0; i < n; ++i) line[static_cast<size_t>(i)] = at(i);
+      for (int i = 0; i < std::min(kReach, n); ++i) sum += line[static_cast<size_t>(i)];
+      for (int i = 0; i < n; ++i) {
+        if (i + kReach < n) sum += line[static_cast<size_t>(i + kReach)];
+        if (i - kReach - 1 >= 0) sum -= line[static_cast<size_t>(i - kReach - 1)];
+        at(i) = sum;
+      }
+    };
+    for (int v = 0; v < h; ++v) slide(w, [&](int i) -> float& { return m.at(i, v); });
+    for (int u = 0; u < w; ++u) slide(h, [&](int i) -> float& { return m.at(u, i); });
+  };
+  for (Map* m : {&xx, &xy, &yy}) box(*m);
+  constexpr float kArea = (2 * kReach + 1) * (2 * kReach + 1);
+  for (size_t i = 0; i < out.data.size(); ++i) {
+    const float half_trace = 0.5f * (xx.data[i] + yy.data[i]), half_difference = 0.5f * (xx.data[i] - yy.data[i]);
+    const float root = std::sqrt(half_difference * half_difference + xy.data[i] * xy.data[i]);
+    out.data[i] = std::isfinite(half_trace) ? (half_trace - root) / kArea : 0;
+  }
+  return out;
+}
+
+double depth_at(const ImageView& depth, int u, int v) {
+  const float z = reinterpret_cast<const float*>(depth.row(v))[u];
+  return std::isfinite(z) && z > 0 ? z : 0;
+}
+
+/// Whether the patch about a pixel has depth everywhere, and one.
+bool smooth(const ImageView& depth, int u, int v, double spread) {
+  double low = INFINITY, high = 0;
+  for (int y = v - ICLK_PATCH_BEFORE; y < v - ICLK_PATCH_BEFORE + ICLK_PATCH; ++y)
+    for (int x = u - ICLK_PATCH_BEFORE; x < u - ICLK_PATCH_BEFORE + ICLK_PATCH; ++x) {
+      const double z = depth_at(depth, x, y);
+      low = std::min(low, z);
+      high = std::max(high, z);
+    }
+  return low > 0 && high - low <= spread * depth_at(depth, u, v);
+}
+
+struct Corner {
+  float texture;
+  int u, v;
+  bool edge;  ///< of depth
+};
+
+/// What is no maximum of its 3x3 neighbourhood is no corner.
+bool peak(const Map& texture, int u, int v) {
+  const float t = texture.at(u, v);
+  for (int y = v - 1; y <= v + 1; ++y)
+    for (int x = u - 1; x <= u + 1; ++x)
+      if (texture.at(x, y) > t) return false;
+  return true;
+}
+
+}  // namespace
+
+Features detect_features(const Map& grey, const ImageView& depth, const DepthNoise& noise, const DetectorSettings& settings) {
+  Features out;
+  const int w = grey.width, h = grey.height;
+  const int border = std::max(ICLK_PATCH, std::min(settings.border, std::min(w, h) / 4));
+  if (w <= 2 * border || h <= 2 * border || settings.count < 1) return out;
+  const Map texture = texture_of(grey);
+  const double inner_w = w - 2 * border, inner_h = h - 2 * border;
+  const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(settings.count * inner_w / inner_h))));
+  const int rows = std::max(1, settings.count / columns);
+  std::vector<std::vector<Corner>> cells(static_cast<size_t>(columns) * static_cast<size_t>(rows));
+  for (int v = border; v < h - border; ++v)
+    for (int u = border; u < w - border; ++u) {
+      if (!(texture.at(u, v) > settings.texture) || depth_at(depth, u, v) == 0 || !peak(texture, u, v)) continue;
+      const auto column = static_cast<size_t>((u - border) * columns / (w - 2 * border));
+      const auto row = static_cast<size_t>((v - border) * rows / (h - 2 * border));
+      cells[row * static_cast<size_t>(columns) + column].push_back(
+          {texture.at(u, v), u, v, !smooth(depth, u, v, settings.spread)});
+    }
+  for (auto& cell : cells)
+    std::stable_sort(cell.begin(), cell.end(), [](const Corner& a, const Corner& b) {
+      return a.edge != b.edge ? b.edge : a.texture > b.texture;
+    });
+  const auto is_free = [&](const Corner& c) {
+    return std::none_of(out.uv.begin(), out.uv.end(), [&](const Eigen::Vector2d& p) {
+      return std::max(std::abs(p.x() - c.u), std::abs(p.y() - c.v)) < settings.distance;
+    });
+  };
+  // A corner a cell and round; depth edges of a cell behind all others of every cell.
+  for (const bool edges : {false, true})
+    for (bool found = true; found && out.size() < settings.count;) {
+      found = false;
+      for (auto& cell : cells) {
+        if (out.size() == settings.count) break;
+        const auto next = std::find_if(cell.begin(), cell.end(), [&](const Corner& c) { return c.edge == edges && is_free(c); });
+        if (next == cell.end()) continue;
+        found = true;
+        const double q = 1 / depth_at(depth, next->u, next->v), sigma = noise.sigma(q);
+        out.uv.emplace_back(next->u, next->v);
+        out.inverse_depth.push_back(q);
+        if (sigma > 0) out.inverse_depth_sigma.push_back(sigma);
+        cell.erase(next);
+      }
+    }
+  return out;
+}
+
+}  // namespace iclk

@@ -1,0 +1,29 @@
+#pragma once
+#include <iclk/align/features.h>
+#include <iclk/align/image.h>
+#include <iclk/align/pyramid.h>
+
+namespace iclk {
+
+/// How wrong a sensor's depths are: standard deviation of an inverse depth q, constant + relative q.
+struct DepthNoise {
+  double constant = 0;  ///< 1 / unit of length: of stereo and structured light, whose depths get worse with their square
+  double relative = 0;  ///< of q
+
+  double sigma(double q) const { return constant + relative * q; }
+};
+
+struct DetectorSettings {
+  int count = 200;         ///< features at most
+  int border = 16;         ///< px that stay free
+  int distance = 8;        ///< px between two features
+  double texture = 1e-5;   ///< least smaller eigenvalue of the mean gradient matrix, (grey / px)^2
+  double spread = 0.05;    ///< of its depth, that a patch's depths may have; beyond it is a depth edge, and taken last
+};
+
+/// Features of a frame where its depth is known: per cell of a lattice the places with the most texture, round by round, until
+/// there are enough. `grey` is level 0; `depth` r32f of the same size, 0 or NaN where there is none. Each gets the sensor's
+/// sigma where `noise` says one.
+Features detect_features(const Map& grey, const ImageView& depth, const DepthNoise& noise, const DetectorSettings& settings);
+
+}  // namespace iclk

@@ -1,0 +1,198 @@
+#include <iclk/track/tracker.h>
+
+#include <chrono>
+#include <utility>
+
+#include <iclk/engine/error.h>
+#include <iclk/refine/internal/options_check.h>
+#include <iclk/track/tracker_impl.h>
+
+namespace iclk {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+/// So little is left of a keyframe that a frame must become one, blurred or not.
+constexpr double kLittleVisible = 0.5;
+/// A frame that is so much sharper than its keyframe is the better one.
+constexpr double kMuchSharper = 1.3;
+
+double milliseconds_since(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+RefinerOptions for_tracking(RefinerOptions options) {
+  options.keep_unconfirmed = true;  // what the alignment says may still be credible (Impl::credible)
+  return options;
+}
+
+}  // namespace
+
+const char* name(TrackStatus status) {
+  switch (status) {
+    case TrackStatus::tracked: return "tracked";
+    case TrackStatus::keyframe: return "keyframe";
+    case TrackStatus::lost: return "lost";
+  }
+  return "unknown";
+}
+
+void TrackerOptions::check() const {
+  check_range("features of a keyframe", detector.count, 10, 8192);
+  check_range("keyframes", keyframes, 2, 4096);
+  check_range("window", window, 1, 64);
+  check_range("min_visible", min_visible, 0.1, 1);
+  check_range("max_flow", max_flow, 0.01, 1);
+  check_range("min_inliers", min_inliers, 6, 8192);
+  check_range("weak_correlation", weak_correlation, 0, 1);
+  check_range("weak_motion", weak_motion, 0, 1);
+  check_range("min_sharpness", min_sharpness, 0, 1);
+  refiner.check();
+}
+
+Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
+  Plan plan{.width = camera.width, .height = camera.height, .max_features = options.detector.count};
+  plan.max_references = options.keyframes;
+  plan.max_pairs = 2 * options.window;
+  plan.format = options.masks ? PixelFormat::rgba8 : PixelFormat::r8;
+  plan.target_masks = options.masks;
+  return plan;
+}
+
+Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions& options)
+    : aligner(aligner),
+      camera(camera),
+      options(options),
+      refiner(aligner, for_tracking(options.refiner)),
+      keyframes(options.keyframes) {}
+
+void Tracker::Impl::set_reference(const Keyframe& k) {
+  aligner.set_reference(
+      k.slot,
+      {.image = k.pixels.frame(camera).image, .camera = camera, .features = k.features, .inverse_depth = {}});
+}
+
+bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
+                                  TrackResult& result) {
+  const auto start = Clock::now();
+  if (frame.depth.empty()) return false;
+  const Map grey = grey_map(frame.image);
+  Features features = detect_features(grey, frame.depth, options.depth_noise, options.detector);
+  if (features.size() < 2 * options.min_inliers) return false;
+  Keyframe& k = keyframes.add(frame.time, T_WC);
+  k.sharpness = sharpness(grey);
+  k.origin = origin;
+  k.measured = features.inverse_depth;
+  k.sigma = features.inverse_depth_sigma;
+  k.sigma.resize(k.measured.size());
+  k.features = std::move(features);
+  k.pixels.keep(frame);
+  k.pixels.depth.clear();  // its features have what is needed
+  set_reference(k);
+  connect(k);
+  result.keyframe_ms = milliseconds_since(start);
+  const auto bundle_start = Clock::now();
+  adjust_window();
+  result.bundle_ms = milliseconds_since(bundle_start);
+  current = k.id;
+  result.status = TrackStatus::keyframe;
+  result.keyframe = k.id;
+  result.T_CK = {};
+  result.T_WC = k.T_WC;
+  return true;
+}
+
+Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options) {
+  options.check();
+  camera.check();
+  const Plan needed = plan(camera, options), &has = aligner.plan();
+  if (has.width != needed.width || has.height != needed.height || has.max_references < needed.max_references ||
+      has.max_features < needed.max_features || has.max_pairs < needed.max_pairs || has.target_masks < needed.target_masks)
+    throw Error(ErrorCode::invalid_argument, "the aligner was not made for Tracker::plan()");
+  impl_ = std::make_unique<Impl>(aligner, camera, options);
+}
+
+Tracker::~Tracker() = default;
+
+TrackResult Tracker::track(const TrackFrame& frame) {
+  Impl& m = *impl_;
+  const auto check_size = [&](const ImageView& image, const char* what) {
+    if (image.width != m.camera.width || image.height != m.camera.height)
+      throw Error(ErrorCode::invalid_argument, std::string(what) + " of " + std::to_string(image.width) + "x" +
+                                                   std::to_string(image.height) + ", the camera has " +
+                                                   std::to_string(m.camera.width) + "x" + std::to_string(m.camera.height));
+  };
+  check_size(frame.image, "an image");
+  if (!frame.depth.empty()) check_size(frame.depth, "depth");
+  if (!frame.depth.empty() && frame.depth.format != PixelFormat::r32f)
+    throw Error(ErrorCode::invalid_argument, "depth has to be r32f");
+  if (!frame.mask.empty() && !m.options.masks)
+    throw Error(ErrorCode::invalid_argument, "a mask needs TrackerOptions::masks");
+  if (!(frame.time > m.last_time.value_or(-INFINITY)))
+    throw Error(ErrorCode::invalid_argument, "frame at " + std::to_string(frame.time) + " s does not come after the one at " +
+                                                 std::to_string(*m.last_time) + " s");
+  m.last_time = frame.time;
+  TrackResult result;
+  result.time = frame.time;
+  if (m.keyframes.empty()) {
+    if (!m.make_keyframe(frame, {}, {}, result)) {
+      result.reason = "no frame with depth and texture yet";
+      return result;
+    }
+    result.reason = "the first keyframe";
+    result.confirmed = true;
+    m.last = Impl::Last{frame.time, result.T_WC};
+    m.previous.keep(frame);
+    return result;
+  }
+  const auto start = Clock::now();
+  const auto found = m.find_pose(frame, result.searched);
+  result.align_ms = milliseconds_since(start);
+  if (!found) {
+    m.lost = true;
+    m.velocity.reset();
+    result.T_WC = m.last->T_WC;
+    result.reason = "not found from where it was expected, nor by a search among " + std::to_string(m.keyframes.size()) +
+                    " keyframes";
+    return result;
+  }
+  const RefinedAlignment& a = found->alignment;
+  const Keyframe& k = *m.keyframes.find(found->keyframe);
+  m.current = k.id;
+  result.status = TrackStatus::tracked;
+  result.confirmed = found->confirmed;
+  result.reason = a.reason;
+  result.keyframe = k.id;
+  result.T_CK = a.T_10;
+  result.T_WC = k.T_WC * a.T_10.inverse();
+  result.T_WC.orthonormalize();
+  result.covariance = a.covariance;
+  result.features = k.features.size();
+  result.visible = a.visible;
+  result.inliers = a.inliers;
+  result.sigma = a.sigma;
+
+  const Keyframe::Origin origin{k.id, a.T_10, found->confirmed, a.covariance};
+  const Overlap seen = overlap(m.camera, k, result.T_WC);
+  const bool little = seen.visible < kLittleVisible;
+  if (little || !found->confirmed || seen.visible < m.options.min_visible || seen.flow > m.options.max_flow * m.camera.width) {
+    const double ratio = sharpness(grey_map(frame.image)) / k.sharpness;
+    if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper))
+      m.make_keyframe(frame, result.T_WC, origin, result);
+  }
+  if (!m.lost) {
+    m.velocity = m.last->T_WC.inverse() * result.T_WC;
+    m.velocity_seconds = frame.time - m.last->time;
+  }
+  m.lost = false;
+  m.last = Impl::Last{frame.time, result.T_WC};
+  m.previous.keep(frame);
+  m.previous_origin = origin;
+  return result;
+}
+
+int Tracker::keyframe_count() const { return impl_->keyframes.count(); }
+const SE3& Tracker::keyframe_pose(int id) const { return impl_->keyframes.pose(id); }
+const Keyframes& Tracker::keyframes() const { return impl_->keyframes; }
+
+}  // namespace iclk

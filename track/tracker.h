@@ -1,0 +1,96 @@
+#pragma once
+#include <memory>
+#include <string>
+
+#include <iclk/align/aligner.h>
+#include <iclk/refine/refiner.h>
+#include <iclk/track/bundle.h>
+#include <iclk/track/detector.h>
+#include <iclk/track/keyframes.h>
+
+namespace iclk {
+
+/// Pointers are read during the call only.
+struct TrackFrame {
+  double time = 0;  ///< s; later than the frame before
+  ImageView image;
+  ImageView depth;  ///< r32f, along the optical axis, in the unit of the map; 0 or NaN where there is none. May be empty
+  ImageView mask;   ///< r8, 0 where the image is not to be looked at. May be empty; needs TrackerOptions::masks
+};
+
+enum class TrackStatus {
+  tracked,
+  keyframe,  ///< tracked, and others will be aligned with it
+  lost,      ///< no pose
+};
+const char* name(TrackStatus status);
+
+struct TrackerOptions {
+  DetectorSettings detector;
+  DepthNoise depth_noise{.constant = 0.0016};  ///< of a structured light camera, 1 / m
+  bool masks = false;                          ///< frames come with masks
+  int keyframes = 32;                          ///< held at most, each in a slot of the aligner
+  int window = 8;            ///< keyframes that a new one is aligned with, and the newest that are adjusted together
+  double min_visible = 0.7;  ///< of a keyframe's features: a frame that sees fewer becomes a keyframe
+  double max_flow = 0.15;    ///< of the image's width: so does one in which they moved farther
+  int min_inliers = 20;      ///< a pose on which fewer features agree is not confirmed
+  /// A pose that the features do not confirm, as in a blurred frame, counts as tracked if the images correlate so much at it and
+  /// it moves no corner of the image by more than this share of its width from where it was expected.
+  double weak_correlation = 0.75, weak_motion = 0.06;
+  /// A frame whose gradients have less of the keyframe's energy is blurred, and becomes no keyframe unless it has to.
+  double min_sharpness = 0.7;
+  RefinerOptions refiner;
+  BundleOptions bundle{.floor = 0.5};
+
+  /// Throws Error(invalid_argument) that names the value and its range.
+  void check() const;
+};
+
+/// Where a frame was.
+struct TrackResult {
+  double time = 0;
+  TrackStatus status = TrackStatus::lost;
+  bool confirmed = false;  ///< by the features: the pose is the refinement's. Else it is the alignment's alone, and weaker
+  std::string reason;      ///< the alignment's, or why there is none
+  int keyframe = 0;        ///< it was aligned with; of a keyframe, itself
+  SE3 T_CK;  ///< camera of that keyframe to this one's: stays, while the keyframe's pose may still be adjusted
+  SE3 T_WC;  ///< this camera to the map, as it is known now; of a lost frame, the last one that was known
+  Matrix6d covariance = Matrix6d::Zero();  ///< of the pose in the keyframe that it was aligned with, [rho, phi]; zero if lost
+  int features = 0, visible = 0, inliers = 0;
+  double sigma = 0;       ///< px, of the residuals
+  bool searched = false;  ///< what was expected did not hold, and more was tried
+  double align_ms = 0, keyframe_ms = 0, bundle_ms = 0;
+};
+
+/// Visual odometry with depth, frame by frame: each frame is aligned with a keyframe, from where the motion of the frames
+/// before lets it be, else with others, from elsewhere, by a search; a frame that sees too little of it becomes a keyframe. A new
+/// keyframe is aligned with those about it, both ways, and the newest ones' poses and inverse depths are adjusted together to
+/// all that was seen (adjust()). The first frame with depth and texture is the map's origin.
+///
+/// A frame whose alignment does not converge is lost, never guessed; it and those that follow are looked for among the
+/// keyframes, some at each frame. Memory is bounded by TrackerOptions::keyframes, but for one pose a keyframe that ever was. One
+/// thread at a time.
+class Tracker {
+ public:
+  /// What the aligner of a tracker has to be made for. Its options need a start search (AlignerOptions::search), without which
+  /// nothing lost is found again. Of models the format has to be rgba8.
+  static Plan plan(const Camera& camera, const TrackerOptions& options);
+
+  /// `aligner` must outlive the tracker, and nobody else use its slots. Throws Error(invalid_argument) for bad options and an
+  /// aligner of a smaller plan.
+  Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options = {});
+  ~Tracker();
+
+  /// Throws Error(invalid_argument) for an image of another size or a time that is not later than the last; what Aligner throws.
+  TrackResult track(const TrackFrame& frame);
+
+  int keyframe_count() const;              ///< that ever were
+  const SE3& keyframe_pose(int id) const;  ///< T_WC, as it is known now
+  const Keyframes& keyframes() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace iclk

@@ -1,0 +1,59 @@
+#pragma once
+// State of a Tracker: track() and keyframes (tracker.cpp), where a frame is (find_pose.cpp), keyframes together (window.cpp).
+#include <optional>
+
+#include <iclk/track/tracker.h>
+
+namespace iclk {
+
+struct Tracker::Impl {
+  /// A pose of a frame, by its alignment with a keyframe.
+  struct Found {
+    int keyframe = 0;
+    RefinedAlignment alignment;
+    bool confirmed = true;
+  };
+  struct Last {
+    double time = 0;
+    SE3 T_WC;
+  };
+
+  Impl(Aligner& aligner, const Camera& camera, const TrackerOptions& options);
+
+  // find_pose.cpp
+  std::optional<Found> find_pose(const TrackFrame& frame, bool& searched);
+  std::optional<Found> try_others(const TrackFrame& frame, const SE3& expected, std::optional<Found>& weak);
+  std::optional<Found> try_previous(const TrackFrame& frame, const SE3& expected, std::optional<Found>& weak);
+  std::optional<Found> relocalise(const TrackFrame& frame);
+  SE3 predict(double time) const;
+  Pair pair_with(int id, const TrackFrame& frame, const SE3& T_WC, bool search);
+  bool confirmed(const RefinedAlignment& a) const;
+  bool credible(const RefinedAlignment& a, const Keyframe& k, const SE3& expected) const;
+  /// Keeps the better one of what is only credible.
+  void consider(int id, const RefinedAlignment& a, const SE3& expected, std::optional<Found>& weak);
+
+  // tracker.cpp
+  bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin, TrackResult& result);
+  void set_reference(const Keyframe& k);
+
+  // window.cpp
+  void connect(Keyframe& k);
+  void adjust_window();
+
+  Aligner& aligner;
+  Camera camera;
+  TrackerOptions options;
+  Refiner refiner;
+  Keyframes keyframes;
+  int current = 0;               ///< keyframe that the last frame was aligned with
+  std::optional<Last> last;      ///< frame with a pose
+  FramePixels previous;          ///< of that frame, which may have to become a keyframe after all
+  std::optional<Keyframe::Origin> previous_origin;
+  std::optional<SE3> velocity;   ///< motion of the camera in velocity_seconds, in its own frame
+  double velocity_seconds = 1;
+  bool lost = false;
+  int next_tried = 0;               ///< where relocalise() goes on among the keyframes
+  std::optional<double> last_time;  ///< of any frame
+};
+
+}  // namespace iclk

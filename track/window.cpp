@@ -1,0 +1,89 @@
+#include <algorithm>
+#include <map>
+#include <utility>
+
+#include <iclk/track/tracker_impl.h>
+
+namespace iclk {
+namespace {
+
+/// Of a pose that nothing but the alignment itself speaks for: rad, and the same seen at the mean depth.
+constexpr double kWeakSigma = 0.03;
+
+Matrix6d edge_covariance(const Keyframe::Origin& origin, const Keyframe& from) {
+  if (origin.confirmed) return origin.covariance;
+  const double distance = 1 / mean_inverse_depth(from);
+  Vector6d sigma;
+  sigma << Eigen::Vector3d::Constant(kWeakSigma * distance), Eigen::Vector3d::Constant(kWeakSigma);
+  return sigma.cwiseAbs2().asDiagonal();
+}
+
+}  // namespace
+
+void Tracker::Impl::connect(Keyframe& k) {
+  std::vector<int> others;
+  for (const int id : keyframes.best(camera, k.T_WC, static_cast<size_t>(options.window) + 1, 0.3))
+    if (id != k.id && others.size() < static_cast<size_t>(options.window)) others.push_back(id);
+  std::vector<Pair> pairs;
+  const auto add = [&](const Keyframe& reference, const Keyframe& target) {
+    const TrackFrame frame = target.pixels.frame(camera);
+    pairs.push_back(pair_with(reference.id, frame, target.T_WC, false));
+  };
+  for (const int id : others) {
+    add(*keyframes.find(id), k);
+    add(k, *keyframes.find(id));
+  }
+  if (pairs.empty()) return;
+  std::vector<RefinedAlignment> found = refiner.align(pairs);
+  for (size_t i = 0; i < others.size(); ++i) {
+    RefinedAlignment &there = found[2 * i], &back = found[2 * i + 1];
+    if (confirmed(there)) keyframes.find(others[i])->sightings[k.id] = std::move(there.features);
+    if (confirmed(back)) k.sightings[others[i]] = std::move(back.features);
+  }
+}
+
+void Tracker::Impl::adjust_window() {
+  // The newest are free; what they are connected with holds them.
+  const int first_free = std::max(1, keyframes.count() - options.window);
+  std::map<int, bool> part;
+  for (const auto& [id, k] : keyframes.all()) {
+    if (id >= first_free) part[id] = true;
+    if (id >= first_free && k.origin && keyframes.find(k.origin->keyframe)) part[k.origin->keyframe] = true;
+    for (const auto& [seen_in, features] : k.sightings)
+      if (id >= first_free || seen_in >= first_free) part[id] = part[seen_in] = true;
+  }
+  std::map<int, int> index;  // in the bundle
+  std::vector<BundleFrame> frames;
+  for (const auto& [id, ignored] : part) {
+    const Keyframe& k = *keyframes.find(id);
+    index[id] = static_cast<int>(frames.size());
+    frames.push_back({k.T_WC, id < first_free, k.features.uv, k.features.inverse_depth, k.measured, k.sigma});
+  }
+  std::vector<BundleSighting> sightings;
+  for (const auto& [id, at] : index)
+    for (const auto& [seen_in, features] : keyframes.find(id)->sightings) {
+      const auto other = index.find(seen_in);
+      if (other == index.end()) continue;
+      for (size_t i = 0; i < features.size(); ++i)
+        if (features[i].status == FeatureStatus::aligned)
+          sightings.push_back({at, static_cast<int>(i), other->second, features[i].uv1, features[i].covariance});
+    }
+  std::vector<BundleEdge> edges;
+  for (const auto& [id, at] : index) {
+    const auto& origin = keyframes.find(id)->origin;
+    if (!origin || !index.count(origin->keyframe)) continue;
+    const Keyframe& from = *keyframes.find(origin->keyframe);
+    if (from.sightings.count(id) > 0) continue;  // which say more
+    edges.push_back({index[origin->keyframe], at, origin->T_CK, edge_covariance(*origin, from)});
+  }
+  if (!adjust(camera, frames, sightings, edges, options.bundle).usable) return;
+  for (const auto& [id, at] : index) {
+    const BundleFrame& frame = frames[static_cast<size_t>(at)];
+    if (frame.fixed) continue;
+    keyframes.set_pose(id, frame.T_WC);
+    keyframes.find(id)->features.inverse_depth = frame.inverse_depth;
+    set_reference(*keyframes.find(id));
+  }
+}
+
+}  // namespace iclk
