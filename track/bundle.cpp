@@ -3,9 +3,9 @@
 #include <cmath>
 #include <memory>
 
+#include <ceres/ceres.h>
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
-#include <ceres/ceres.h>
 
 #include <iclk/refine/internal/reprojection.h>
 

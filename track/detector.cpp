@@ -99,9 +99,8 @@ Features detect_features(const Map& grey, const ImageView& depth, const DepthNoi
           {texture.at(u, v), u, v, !smooth(depth, u, v, settings.spread)});
     }
   for (auto& cell : cells)
-    std::stable_sort(cell.begin(), cell.end(), [](const Corner& a, const Corner& b) {
-      return a.edge != b.edge ? b.edge : a.texture > b.texture;
-    });
+    std::stable_sort(cell.begin(), cell.end(),
+                     [](const Corner& a, const Corner& b) { return a.edge != b.edge ? b.edge : a.texture > b.texture; });
   const auto is_free = [&](const Corner& c) {
     return std::none_of(out.uv.begin(), out.uv.end(), [&](const Eigen::Vector2d& p) {
       return std::max(std::abs(p.x() - c.u), std::abs(p.y() - c.v)) < settings.distance;
@@ -113,7 +112,8 @@ Features detect_features(const Map& grey, const ImageView& depth, const DepthNoi
       found = false;
       for (auto& cell : cells) {
         if (out.size() == settings.count) break;
-        const auto next = std::find_if(cell.begin(), cell.end(), [&](const Corner& c) { return c.edge == edges && is_free(c); });
+        const auto next =
+            std::find_if(cell.begin(), cell.end(), [&](const Corner& c) { return c.edge == edges && is_free(c); });
         if (next == cell.end()) continue;
         found = true;
         const double q = 1 / depth_at(depth, next->u, next->v), sigma = noise.sigma(q);

@@ -14,11 +14,11 @@ struct DepthNoise {
 };
 
 struct DetectorSettings {
-  int count = 200;         ///< features at most
-  int border = 16;         ///< px that stay free
-  int distance = 8;        ///< px between two features
-  double texture = 1e-5;   ///< least smaller eigenvalue of the mean gradient matrix, (grey / px)^2
-  double spread = 0.05;    ///< of its depth, that a patch's depths may have; beyond it is a depth edge, and taken last
+  int count = 200;        ///< features at most
+  int border = 16;        ///< px that stay free
+  int distance = 8;       ///< px between two features
+  double texture = 1e-5;  ///< least smaller eigenvalue of the mean gradient matrix, (grey / px)^2
+  double spread = 0.05;   ///< of its depth, that a patch's depths may have; beyond it is a depth edge, and taken last
 };
 
 /// Features of a frame where its depth is known: per cell of a lattice the places with the most texture, round by round, until

@@ -2,7 +2,7 @@
 #include <cmath>
 #include <utility>
 
-#include <iclk/track/tracker_impl.h>
+#include <iclk/track/internal/tracker_impl.h>
 
 namespace iclk {
 namespace {
@@ -39,7 +39,8 @@ bool Tracker::Impl::credible(const RefinedAlignment& a, const Keyframe& k, const
   // How far what the frame shows in its corners moved from where it was expected, at the keyframe's mean depth.
   const SE3 off = expected.inverse() * (k.T_WC * a.T_10.inverse());
   const double z = 1 / mean_inverse_depth(k), w = camera.width - 1, h = camera.height - 1;
-  for (const Eigen::Vector2d& uv : {Eigen::Vector2d(0, 0), Eigen::Vector2d(w, 0), Eigen::Vector2d(0, h), Eigen::Vector2d(w, h)}) {
+  for (const Eigen::Vector2d& uv :
+       {Eigen::Vector2d(0, 0), Eigen::Vector2d(w, 0), Eigen::Vector2d(0, h), Eigen::Vector2d(w, h)}) {
     const Eigen::Vector3d X = off * (camera.ray(uv) * z);
     if (!(X.z() > 0) || (camera.project(X) - uv).norm() > options.weak_motion * camera.width) return false;
   }
@@ -103,7 +104,8 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::try_previous(const TrackFrame
                                                                 std::optional<Found>& weak) {
   // Nothing is more alike than the frame before.
   TrackResult ignored;
-  if (keyframes.newest().time == previous.time || !make_keyframe(previous.frame(camera), last->T_WC, previous_origin, ignored)) return {};
+  if (keyframes.newest().time == previous.time || !make_keyframe(previous.frame(camera), last->T_WC, previous_origin, ignored))
+    return {};
   for (const SE3& T_WC : {expected, last->T_WC}) {
     RefinedAlignment a = refiner.align(pair_with(current, frame, T_WC, false));
     if (confirmed(a)) return Found{current, std::move(a)};
@@ -119,8 +121,7 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::relocalise(const TrackFrame& 
   std::vector<int> others;
   for (const auto& [id, k] : keyframes.all())
     if (std::find(ids.begin(), ids.end(), id) == ids.end()) others.push_back(id);
-  for (size_t i = 0; ids.size() < batch; ++i)
-    ids.push_back(others[(static_cast<size_t>(next_tried) + i) % others.size()]);
+  for (size_t i = 0; ids.size() < batch; ++i) ids.push_back(others[(static_cast<size_t>(next_tried) + i) % others.size()]);
   next_tried += static_cast<int>(batch);
   std::vector<Pair> pairs;
   for (const int id : ids) pairs.push_back(pair_with(id, frame, last->T_WC, true));

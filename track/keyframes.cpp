@@ -113,9 +113,8 @@ std::vector<int> Keyframes::best(const Camera& camera, const SE3& T_WC, size_t c
     const Overlap o = overlap(camera, keyframe, T_WC);
     if (o.visible >= least) ranked.push_back({o.visible - o.flow / camera.width, id});
   }
-  std::stable_sort(ranked.begin(), ranked.end(), [](const Ranked& a, const Ranked& b) {
-    return a.score != b.score ? a.score > b.score : a.id > b.id;
-  });
+  std::stable_sort(ranked.begin(), ranked.end(),
+                   [](const Ranked& a, const Ranked& b) { return a.score != b.score ? a.score > b.score : a.id > b.id; });
   std::vector<int> ids;
   for (const Ranked& r : ranked)
     if (ids.size() < count) ids.push_back(r.id);

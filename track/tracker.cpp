@@ -5,7 +5,7 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/options_check.h>
-#include <iclk/track/tracker_impl.h>
+#include <iclk/track/internal/tracker_impl.h>
 
 namespace iclk {
 namespace {
@@ -67,9 +67,8 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
       keyframes(options.keyframes) {}
 
 void Tracker::Impl::set_reference(const Keyframe& k) {
-  aligner.set_reference(
-      k.slot,
-      {.image = k.pixels.frame(camera).image, .camera = camera, .features = k.features, .inverse_depth = {}});
+  aligner.set_reference(k.slot,
+                        {.image = k.pixels.frame(camera).image, .camera = camera, .features = k.features, .inverse_depth = {}});
 }
 
 bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
@@ -126,8 +125,7 @@ TrackResult Tracker::track(const TrackFrame& frame) {
   if (!frame.depth.empty()) check_size(frame.depth, "depth");
   if (!frame.depth.empty() && frame.depth.format != PixelFormat::r32f)
     throw Error(ErrorCode::invalid_argument, "depth has to be r32f");
-  if (!frame.mask.empty() && !m.options.masks)
-    throw Error(ErrorCode::invalid_argument, "a mask needs TrackerOptions::masks");
+  if (!frame.mask.empty() && !m.options.masks) throw Error(ErrorCode::invalid_argument, "a mask needs TrackerOptions::masks");
   if (!(frame.time > m.last_time.value_or(-INFINITY)))
     throw Error(ErrorCode::invalid_argument, "frame at " + std::to_string(frame.time) + " s does not come after the one at " +
                                                  std::to_string(*m.last_time) + " s");
@@ -152,8 +150,8 @@ TrackResult Tracker::track(const TrackFrame& frame) {
     m.lost = true;
     m.velocity.reset();
     result.T_WC = m.last->T_WC;
-    result.reason = "not found from where it was expected, nor by a search among " + std::to_string(m.keyframes.size()) +
-                    " keyframes";
+    result.reason =
+        "not found from where it was expected, nor by a search among " + std::to_string(m.keyframes.size()) + " keyframes";
     return result;
   }
   const RefinedAlignment& a = found->alignment;

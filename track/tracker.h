@@ -34,8 +34,8 @@ struct TrackerOptions {
   double min_visible = 0.7;  ///< of a keyframe's features: a frame that sees fewer becomes a keyframe
   double max_flow = 0.15;    ///< of the image's width: so does one in which they moved farther
   int min_inliers = 20;      ///< a pose on which fewer features agree is not confirmed
-  /// A pose that the features do not confirm, as in a blurred frame, counts as tracked if the images correlate so much at it and
-  /// it moves no corner of the image by more than this share of its width from where it was expected.
+  /// A pose that the features do not confirm, as in a blurred frame, counts as tracked if the images correlate so much at it
+  /// and it moves no corner of the image by more than this share of its width from where it was expected.
   double weak_correlation = 0.75, weak_motion = 0.06;
   /// A frame whose gradients have less of the keyframe's energy is blurred, and becomes no keyframe unless it has to.
   double min_sharpness = 0.7;
@@ -53,8 +53,8 @@ struct TrackResult {
   bool confirmed = false;  ///< by the features: the pose is the refinement's. Else it is the alignment's alone, and weaker
   std::string reason;      ///< the alignment's, or why there is none
   int keyframe = 0;        ///< it was aligned with; of a keyframe, itself
-  SE3 T_CK;  ///< camera of that keyframe to this one's: stays, while the keyframe's pose may still be adjusted
-  SE3 T_WC;  ///< this camera to the map, as it is known now; of a lost frame, the last one that was known
+  SE3 T_CK;                ///< camera of that keyframe to this one's: stays, while the keyframe's pose may still be adjusted
+  SE3 T_WC;                ///< this camera to the map, as it is known now; of a lost frame, the last one that was known
   Matrix6d covariance = Matrix6d::Zero();  ///< of the pose in the keyframe that it was aligned with, [rho, phi]; zero if lost
   int features = 0, visible = 0, inliers = 0;
   double sigma = 0;       ///< px, of the residuals
@@ -63,13 +63,13 @@ struct TrackResult {
 };
 
 /// Visual odometry with depth, frame by frame: each frame is aligned with a keyframe, from where the motion of the frames
-/// before lets it be, else with others, from elsewhere, by a search; a frame that sees too little of it becomes a keyframe. A new
-/// keyframe is aligned with those about it, both ways, and the newest ones' poses and inverse depths are adjusted together to
-/// all that was seen (adjust()). The first frame with depth and texture is the map's origin.
+/// before lets it be, else with others, from elsewhere, by a search; a frame that sees too little of it becomes a keyframe. A
+/// new keyframe is aligned with those about it, both ways, and the newest ones' poses and inverse depths are adjusted together
+/// to all that was seen (adjust()). The first frame with depth and texture is the map's origin.
 ///
 /// A frame whose alignment does not converge is lost, never guessed; it and those that follow are looked for among the
-/// keyframes, some at each frame. Memory is bounded by TrackerOptions::keyframes, but for one pose a keyframe that ever was. One
-/// thread at a time.
+/// keyframes, some at each frame. Memory is bounded by TrackerOptions::keyframes, but for one pose a keyframe that ever was.
+/// One thread at a time.
 class Tracker {
  public:
   /// What the aligner of a tracker has to be made for. Its options need a start search (AlignerOptions::search), without which
@@ -81,7 +81,8 @@ class Tracker {
   Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options = {});
   ~Tracker();
 
-  /// Throws Error(invalid_argument) for an image of another size or a time that is not later than the last; what Aligner throws.
+  /// Throws Error(invalid_argument) for an image of another size or a time that is not later than the last; what Aligner
+  /// throws.
   TrackResult track(const TrackFrame& frame);
 
   int keyframe_count() const;              ///< that ever were

@@ -2,7 +2,7 @@
 #include <map>
 #include <utility>
 
-#include <iclk/track/tracker_impl.h>
+#include <iclk/track/internal/tracker_impl.h>
 
 namespace iclk {
 namespace {

@@ -19,7 +19,8 @@ const char* const kFooter =
     "with groundtruth.txt the errors are told. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
     "\n"
     "Written to --out: live.txt (TUM trajectory as each frame was answered) and frames.jsonl (status, covariance, times) grow\n"
-    "with every frame; trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by the\n"
+    "with every frame; trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by "
+    "the\n"
     "keyframes' last poses. evo reads them: evo_ape tum groundtruth.txt trajectory.txt -a\n"
     "\n"
     "Examples:\n"
@@ -86,12 +87,12 @@ void add_track(CLI::App& app) {
   command->add_option("--keyframes", tracker.keyframes, "Keyframes that are held; the oldest leave")->capture_default_str();
   command->add_option("--window", tracker.window, "Newest keyframes that are adjusted together")->capture_default_str();
   command
-      ->add_option("--min-visible", tracker.min_visible,
-                   "A frame that sees less of its keyframe's features becomes a keyframe")
+      ->add_option("--min-visible", tracker.min_visible, "A frame that sees less of its keyframe's features becomes a keyframe")
       ->capture_default_str();
   command->add_option("--model", run.model, "classical, the name of a model, or a file")->capture_default_str();
   command->add_option("--solver", options->solver, "device, host or cpu")->capture_default_str();
-  command->add_option("--device", run.device, "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
+  command->add_option("--device", run.device,
+                      "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->option_defaults()->group("Output");
   command->add_option("--out", run.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
   command->footer(std::string(kFooter) + kExitCodesHelp);

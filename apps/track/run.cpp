@@ -52,8 +52,7 @@ TrackErrors errors_of(const std::vector<PosePair>& pairs) {
 class Frames {
  public:
   explicit Frames(const TrackRunOptions& options) : sequence_(load_sequence(options.folder)) {
-    if (!options.camera && !sequence_.camera)
-      throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
+    if (!options.camera && !sequence_.camera) throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
     const CameraFile file = options.camera ? *options.camera : *sequence_.camera;
     scale_ = options.depth_scale > 0 ? options.depth_scale : file.depth_scale;
     distortion_ = options.distortion.value_or(file.distortion);
@@ -78,9 +77,9 @@ class Frames {
     depth_ = f.depth.empty() ? cv::Mat() : load_depth(f.depth, scale_);
     for (const cv::Mat* m : {&image_, &depth_})
       if (!m->empty() && (m->cols != camera.width || m->rows != camera.height))
-        throw Error(ErrorCode::invalid_argument, fmt::format("{} has {}x{} pixels, the first image {}x{}",
-                                                             m == &image_ ? f.image : f.depth, m->cols, m->rows, camera.width,
-                                                             camera.height));
+        throw Error(ErrorCode::invalid_argument,
+                    fmt::format("{} has {}x{} pixels, the first image {}x{}", m == &image_ ? f.image : f.depth, m->cols,
+                                m->rows, camera.width, camera.height));
     TrackFrame out{.time = f.stamp, .image = {}, .depth = {}, .mask = {}};
     if (masks()) {
       image_ = undistorter_->image(image_);

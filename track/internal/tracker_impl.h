@@ -33,7 +33,8 @@ struct Tracker::Impl {
   void consider(int id, const RefinedAlignment& a, const SE3& expected, std::optional<Found>& weak);
 
   // tracker.cpp
-  bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin, TrackResult& result);
+  bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
+                     TrackResult& result);
   void set_reference(const Keyframe& k);
 
   // window.cpp
@@ -45,11 +46,11 @@ struct Tracker::Impl {
   TrackerOptions options;
   Refiner refiner;
   Keyframes keyframes;
-  int current = 0;               ///< keyframe that the last frame was aligned with
-  std::optional<Last> last;      ///< frame with a pose
-  FramePixels previous;          ///< of that frame, which may have to become a keyframe after all
+  int current = 0;           ///< keyframe that the last frame was aligned with
+  std::optional<Last> last;  ///< frame with a pose
+  FramePixels previous;      ///< of that frame, which may have to become a keyframe after all
   std::optional<Keyframe::Origin> previous_origin;
-  std::optional<SE3> velocity;   ///< motion of the camera in velocity_seconds, in its own frame
+  std::optional<SE3> velocity;  ///< motion of the camera in velocity_seconds, in its own frame
   double velocity_seconds = 1;
   bool lost = false;
   int next_tried = 0;               ///< where relocalise() goes on among the keyframes

@@ -1,0 +1,85 @@
+// iclk track as a user runs it, on recordings with truth.
+#include <filesystem>
+#include <sstream>
+
+#include <nlohmann/json.hpp>
+
+#include "apps/io/pose_text.h"
+
+#include "command_fixture.h"
+#include "device.h"
+
+namespace iclk::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// The number behind `words` in a report.
+double number_after(const std::string& text, const std::string& line, const std::string& words) {
+  const size_t from = text.find(line), at = text.find(words, from);
+  return from == std::string::npos || at == std::string::npos ? NAN : std::atof(text.c_str() + at + words.size());
+}
+
+TEST(Track, RenderedRoomsWithinHalfAPercentOfTheWay) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  const Folder folder;
+  const std::string out = folder.path("out");
+  const Finished f = run({"track", data, "--depth-sigma", "rendered", "--out", out});
+  ASSERT_EQ(f.code, 0) << f.err;
+  EXPECT_NE(f.out.find("60 tracked"), std::string::npos) << f.out;
+  EXPECT_LT(number_after(f.out, "adjusted", "), "), 0.5) << f.out;
+
+  EXPECT_EQ(load_trajectory((fs::path(out) / "trajectory.txt").string()).size(), 60u);
+  EXPECT_EQ(load_trajectory((fs::path(out) / "live.txt").string()).size(), 60u);
+  EXPECT_GE(load_trajectory((fs::path(out) / "keyframes.txt").string()).size(), 3u);
+  EXPECT_FALSE(cv::imread((fs::path(out) / "path.png").string()).empty());
+  EXPECT_EQ(bytes_of((fs::path(out) / "map.ply").string()).rfind("ply\nformat ascii 1.0\n", 0), 0u);
+  std::istringstream lines(bytes_of((fs::path(out) / "frames.jsonl").string()));
+  int count = 0;
+  for (std::string line; std::getline(lines, line); ++count) {
+    const auto json = nlohmann::json::parse(line);
+    EXPECT_EQ(json.at("covariance").size(), 6u);
+    EXPECT_TRUE(json.at("status") == "tracked" || json.at("status") == "keyframe");
+  }
+  EXPECT_EQ(count, 60);
+}
+
+TEST(Track, AHandHeldCameraWithin4Centimetres) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tum_fr1_rpy_300");
+  if (data.empty()) GTEST_SKIP() << "no tum_fr1_rpy_300 in ICLK_DATA or ../shared/data";
+  const Finished f = run({"track", data, "--distortion", "radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633"});
+  ASSERT_EQ(f.code, 0) << f.err;
+  EXPECT_LT(number_after(f.out, "adjusted", "ATE "), 4) << f.out;
+  EXPECT_LT(number_after(f.out, "of them not confirmed by features, ", "features, "), 15) << f.out;
+}
+
+TEST(Track, BadInputIsSaid) {
+  const Folder folder;
+  EXPECT_NE(run({"track", "--help"}).out.find("Examples:"), std::string::npos);
+  EXPECT_EQ(run({"track"}).code, 2);
+  const Finished none = run({"track", folder.path("none")});
+  EXPECT_EQ(none.code, 4);
+  EXPECT_NE(none.err.find("rgb.txt"), std::string::npos) << none.err;
+  // One frame, without a camera, then with one.
+  const std::string one = folder.path("one");
+  fs::create_directories(one);
+  cv::imwrite(one + "/a.png", cv::Mat(60, 80, CV_8UC1, cv::Scalar(90)));
+  cv::imwrite(one + "/z.png", cv::Mat(60, 80, CV_16UC1, cv::Scalar(5000)));
+  folder.write("one/rgb.txt", "1.0 a.png\n");
+  folder.write("one/depth.txt", "1.0 z.png\n");
+  const Finished camera = run({"track", one});
+  EXPECT_EQ(camera.code, 4);
+  EXPECT_NE(camera.err.find("--camera"), std::string::npos) << camera.err;
+  ICLK_NEED_DEVICE();
+  const Finished flat = run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000"});
+  EXPECT_EQ(flat.code, 0) << flat.err;
+  EXPECT_NE(flat.out.find("1 lost"), std::string::npos) << flat.out;
+  EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--first", "5"}).code, 3);
+  EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--window", "0"}).code, 3);
+}
+
+}  // namespace
+}  // namespace iclk::test

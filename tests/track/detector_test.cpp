@@ -1,0 +1,69 @@
+#include <cmath>
+#include <limits>
+
+#include <gtest/gtest.h>
+
+#include <iclk/track/detector.h>
+
+#include "relief.h"
+
+namespace iclk::test {
+namespace {
+
+struct Seen {
+  Relief scene;
+  Frame image = render(scene, 0);
+  std::vector<float> depth = std::vector<float>(160 * 120, 4.0f);
+  Features detect(DetectorSettings settings = {.count = 60}, const DepthNoise& noise = {}) const {
+    return detect_features(grey_map(image.view()), {depth.data(), 160, 120, 0, PixelFormat::r32f}, noise, settings);
+  }
+};
+
+TEST(Detector, FeaturesAreSpreadAndApart) {
+  const Seen seen;
+  const Features f = seen.detect();
+  EXPECT_EQ(f.size(), 60);
+  EXPECT_TRUE(f.inverse_depth_sigma.empty());
+  int quarters[4] = {};
+  for (size_t i = 0; i < f.uv.size(); ++i) {
+    EXPECT_EQ(f.inverse_depth[i], 0.25);
+    EXPECT_TRUE(f.uv[i].x() >= 16 && f.uv[i].x() < 144 && f.uv[i].y() >= 16 && f.uv[i].y() < 104);
+    ++quarters[(f.uv[i].x() > 80) + 2 * (f.uv[i].y() > 60)];
+    for (size_t j = 0; j < i; ++j) EXPECT_GE((f.uv[i] - f.uv[j]).lpNorm<Eigen::Infinity>(), 8);
+  }
+  for (const int n : quarters) EXPECT_GE(n, 10);
+}
+
+TEST(Detector, SensorsSayHowWrongTheyAre) {
+  const Seen seen;
+  const Features f = seen.detect({.count = 10}, {.constant = 0.002, .relative = 0.01});
+  ASSERT_EQ(f.inverse_depth_sigma.size(), 10u);
+  EXPECT_DOUBLE_EQ(f.inverse_depth_sigma[0], 0.002 + 0.01 * 0.25);
+}
+
+TEST(Detector, NoneWithoutDepthAndEdgesLast) {
+  Seen seen;
+  for (int v = 0; v < 120; ++v)
+    for (int u = 0; u < 160; ++u) {
+      float& z = seen.depth[static_cast<size_t>(160 * v + u)];
+      const float none[] = {0, -1, std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity()};
+      if (u < 70) z = none[(u + v) % 4];
+      if (u > 110) z = 3;  // a step
+    }
+  const Features f = seen.detect({.count = 25});
+  EXPECT_EQ(f.size(), 25);
+  for (const Eigen::Vector2d& uv : f.uv) EXPECT_TRUE(uv.x() >= 73 && (uv.x() <= 106 || uv.x() >= 114)) << uv.x();
+}
+
+TEST(Detector, FlatImagesAndBadOnesHaveNone) {
+  Seen seen;
+  std::fill(seen.image.data.begin(), seen.image.data.end(), 0.5f);
+  EXPECT_EQ(seen.detect().size(), 0);
+  std::fill(seen.image.data.begin(), seen.image.data.end(), std::numeric_limits<float>::quiet_NaN());
+  EXPECT_EQ(seen.detect().size(), 0);
+  const std::vector<float> tiny(100, 1.0f);
+  EXPECT_EQ(detect_features(Map(10, 10), {tiny.data(), 10, 10, 0, PixelFormat::r32f}, {}, {}).size(), 0);
+}
+
+}  // namespace
+}  // namespace iclk::test

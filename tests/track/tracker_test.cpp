@@ -1,0 +1,255 @@
+// A flight over terrain made in code, with exact depth and poses, and what goes wrong on flights.
+#include <algorithm>
+#include <cmath>
+
+#include <gtest/gtest.h>
+#include <Eigen/Geometry>
+
+#include <iclk/align/device_aligner.h>
+#include <iclk/engine/error.h>
+#include <iclk/track/tracker.h>
+#include <iclk/track/trajectory.h>
+
+#include "apps/render/procedural.h"
+#include "apps/render/renderer.h"
+
+#include "device.h"
+
+namespace iclk::test {
+namespace {
+
+constexpr int kFrames = 24;
+
+SE3 camera_pose(double frame) {
+  Eigen::Matrix3d down;
+  down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  const double a = 0.08 * frame;
+  return {Eigen::AngleAxisd(0.5 * a, Eigen::Vector3d::UnitZ()).toRotationMatrix() * down *
+              Eigen::AngleAxisd(0.05 * std::sin(3 * a), Eigen::Vector3d::UnitX()).toRotationMatrix(),
+          Eigen::Vector3d(120 + 40 * std::cos(a), 120 + 40 * std::sin(a), 150 + 3 * std::sin(2 * a))};
+}
+
+/// Rendered once for all tests.
+struct Flight {
+  Camera camera{280, 280, 159.5, 119.5, 320, 240};
+  std::vector<View> views;
+  std::vector<SE3> truth;
+
+  static const Flight& get() {
+    static const Flight flight;
+    return flight;
+  }
+  TrackFrame frame(int i) const {
+    const View& view = views.at(static_cast<size_t>(i));
+    return {0.1 * i, view.image(), view.depth_image(), {}};
+  }
+
+ private:
+  Flight() {
+    const auto terrain = std::make_shared<const Terrain>(procedural_terrain({.seed = 3, .size = 256}));
+    TerrainRenderer renderer(device(), terrain);
+    for (int i = 0; i < kFrames; ++i) {
+      truth.push_back(camera_pose(i));
+      views.push_back(renderer.render(camera, truth.back()));
+    }
+  }
+};
+
+TrackerOptions options_for() {
+  TrackerOptions options;
+  options.detector.count = 100;
+  options.depth_noise = {0, 0.001};
+  options.window = 4;
+  options.keyframes = 12;
+  return options;
+}
+
+struct Tracking {
+  explicit Tracking(const TrackerOptions& options = options_for(), bool cpu = false)
+      : aligner(make(options, cpu)), tracker(*aligner, Flight::get().camera, options) {}
+  static std::unique_ptr<Aligner> make(const TrackerOptions& options, bool cpu) {
+    AlignerOptions how;
+    how.search.enabled = true;
+    const Plan plan = Tracker::plan(Flight::get().camera, options);
+    if (cpu) return make_cpu_aligner(plan, how);
+    return make_device_aligner(device(), plan, how, Solver::device);
+  }
+  TrackResult track(const TrackFrame& frame) {
+    results.push_back(tracker.track(frame));
+    return results.back();
+  }
+  TrackResult track(int i) { return track(Flight::get().frame(i)); }
+  /// m, of the frame's place in the map, by the keyframes' last poses; the map begins where frame `origin` was.
+  double error(const TrackResult& r, int i, int origin = 0) const {
+    const SE3 T_WC = tracker.keyframe_pose(r.keyframe) * r.T_CK.inverse();
+    const SE3 truth = Flight::get().truth[static_cast<size_t>(origin)].inverse() * Flight::get().truth[static_cast<size_t>(i)];
+    return (T_WC.t - truth.t).norm();
+  }
+  std::unique_ptr<Aligner> aligner;
+  Tracker tracker;
+  std::vector<TrackResult> results;
+};
+
+TEST(Tracker, AFlightIsFollowed) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  double way = 0;
+  for (int i = 0; i < kFrames; ++i) {
+    const TrackResult r = t.track(i);
+    ASSERT_NE(r.status, TrackStatus::lost) << i << ": " << r.reason;
+    EXPECT_TRUE(r.confirmed) << i << ": " << r.reason;
+    if (i > 0) way += (camera_pose(i).t - camera_pose(i - 1).t).norm();
+    EXPECT_LT(t.error(r, i), 0.3) << i;  // half a pixel
+    if (i > 0 && r.status == TrackStatus::tracked) {
+      EXPECT_GT(r.covariance.trace(), 0);
+      EXPECT_GE(r.inliers, 20);
+    }
+  }
+  EXPECT_GT(way, 70);
+  EXPECT_GT(t.tracker.keyframe_count(), 2);
+  EXPECT_LT(t.tracker.keyframe_count(), kFrames / 2);
+  // By the keyframes' last poses the way is at least as good as it was told on the way.
+  std::vector<PosePair> pairs;
+  for (int i = 0; i < kFrames; ++i) {
+    const TrackResult& r = t.results[static_cast<size_t>(i)];
+    pairs.push_back({t.tracker.keyframe_pose(r.keyframe) * r.T_CK.inverse(), Flight::get().truth[static_cast<size_t>(i)]});
+  }
+  EXPECT_LT(absolute_error(pairs).rmse, 0.001 * way);
+}
+
+TEST(Tracker, TheCpuFollowsItAsWell) {
+  ICLK_NEED_DEVICE();  // for the renderer
+  Tracking on_device, on_cpu(options_for(), true);
+  for (int i = 0; i < 4; ++i) {
+    const TrackResult a = on_device.track(i), b = on_cpu.track(i);
+    EXPECT_EQ(a.status, b.status);
+    EXPECT_LT((a.T_WC.t - b.T_WC.t).norm(), 0.02) << i;
+  }
+}
+
+TEST(Tracker, ALensCapIsLostAndThenFoundAgain) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  const std::vector<uint32_t> black(320 * 240, 0xff000000u);
+  for (int i = 0; i < 6; ++i) t.track(i);
+  for (int i = 6; i < 9; ++i) {
+    TrackFrame covered = Flight::get().frame(i);
+    covered.image.data = black.data();
+    const TrackResult r = t.track(covered);
+    EXPECT_EQ(r.status, TrackStatus::lost);
+    EXPECT_FALSE(r.confirmed);
+    EXPECT_EQ(r.T_WC.t, t.results[5].T_WC.t);  // the last that was known
+    EXPECT_TRUE(r.covariance.isZero());
+  }
+  const TrackResult back = t.track(9);
+  ASSERT_NE(back.status, TrackStatus::lost) << back.reason;
+  EXPECT_TRUE(back.searched);
+  EXPECT_LT(t.error(back, 9), 0.3);
+  EXPECT_NE(t.track(10).status, TrackStatus::lost);
+}
+
+TEST(Tracker, AJumpIsFoundOrSaidToBeLost) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  for (int i = 0; i < 5; ++i) t.track(i);
+  TrackFrame jump = Flight::get().frame(9);  // 13 m farther on
+  jump.time = 0.5;
+  const TrackResult r = t.track(jump);
+  if (r.status != TrackStatus::lost) {
+    EXPECT_LT(t.error(r, 9), 0.5) << r.reason;
+  }
+}
+
+TEST(Tracker, AFrozenCameraStays) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  for (int i = 0; i < 6; ++i) {
+    TrackFrame frame = Flight::get().frame(0);
+    frame.time = i;
+    const TrackResult r = t.track(frame);
+    EXPECT_NE(r.status, TrackStatus::lost);
+    EXPECT_LT(r.T_WC.t.norm(), 1e-3);
+  }
+  EXPECT_EQ(t.tracker.keyframe_count(), 1);
+}
+
+TEST(Tracker, FramesWithoutDepthAreTracked) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  TrackFrame blind = Flight::get().frame(0);
+  blind.depth = {};
+  const TrackResult none = t.track(blind);
+  EXPECT_EQ(none.status, TrackStatus::lost);
+  EXPECT_NE(none.reason.find("depth"), std::string::npos);
+  t.track(1);
+  for (int i = 2; i < 6; ++i) {
+    TrackFrame frame = Flight::get().frame(i);
+    frame.depth = {};
+    const TrackResult r = t.track(frame);
+    EXPECT_EQ(r.status, TrackStatus::tracked) << r.reason;  // and never a keyframe
+    EXPECT_LT(t.error(r, i, 1), 0.1);
+  }
+}
+
+TEST(Tracker, MemoryIsBounded) {
+  ICLK_NEED_DEVICE();
+  TrackerOptions options = options_for();
+  options.keyframes = 3;
+  options.window = 2;
+  options.min_visible = 0.95;
+  Tracking t(options);
+  for (int i = 0; i < 14; ++i) {
+    const TrackResult r = t.track(i);
+    EXPECT_NE(r.status, TrackStatus::lost) << i << ": " << r.reason;
+    EXPECT_LT(t.error(r, i), 0.3) << i;
+  }
+  EXPECT_GT(t.tracker.keyframe_count(), 4);
+  EXPECT_EQ(t.tracker.keyframes().size(), 3);
+  for (const auto& [id, k] : t.tracker.keyframes().all())
+    for (const auto& [seen_in, features] : k.sightings) EXPECT_TRUE(t.tracker.keyframes().all().count(seen_in)) << id;
+}
+
+TEST(Tracker, AMaskHidesWhatRidesAlong) {
+  ICLK_NEED_DEVICE();
+  TrackerOptions options = options_for();
+  options.masks = true;
+  Tracking t(options);
+  // The lower third of every image shows the own vehicle: the first frame's pixels, standing still, with no depth.
+  std::vector<uint8_t> mask(320 * 240, 255);
+  std::fill(mask.begin() + 320 * 160, mask.end(), uint8_t{0});
+  for (int i = 0; i < 6; ++i) {
+    View view = Flight::get().views[static_cast<size_t>(i)];
+    const View& first = Flight::get().views[0];
+    std::copy(first.rgba.begin() + 320 * 160, first.rgba.end(), view.rgba.begin() + 320 * 160);
+    std::fill(view.depth.begin() + 320 * 160, view.depth.end(), 0.0f);
+    TrackFrame frame{0.1 * i, view.image(), view.depth_image(), {mask.data(), 320, 240, 0, PixelFormat::r8}};
+    const TrackResult r = t.track(frame);
+    ASSERT_NE(r.status, TrackStatus::lost) << r.reason;
+    EXPECT_LT(t.error(r, i), 0.3) << i;
+  }
+}
+
+TEST(Tracker, WhatCannotBeTrackedIsRefused) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  t.track(3);
+  EXPECT_THROW(t.track(3), Error);  // no later
+  EXPECT_THROW(t.track(2), Error);
+  TrackFrame small = Flight::get().frame(5);
+  small.image.width = 100;
+  EXPECT_THROW(t.track(small), Error);
+  TrackFrame masked = Flight::get().frame(5);
+  masked.mask = {Flight::get().views[0].rgba.data(), 320, 240, 320, PixelFormat::r8};
+  EXPECT_THROW(t.track(masked), Error);
+  EXPECT_NE(t.track(5).status, TrackStatus::lost);
+
+  TrackerOptions bad = options_for();
+  bad.window = 0;
+  EXPECT_THROW(Tracker(*t.aligner, Flight::get().camera, bad), Error);
+  bad = options_for();
+  bad.keyframes = 100;  // more than the aligner has slots
+  EXPECT_THROW(Tracker(*t.aligner, Flight::get().camera, bad), Error);
+}
+
+}  // namespace
+}  // namespace iclk::test
