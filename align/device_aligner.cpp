@@ -247,7 +247,12 @@ std::vector<Alignment> DeviceAligner::align(std::span<const Pair> pairs) {
     std::vector<Alignment> results;
     if (m.solver == Solver::device) {
       m.start(chunk, {});
-      results = m.finish();
+      try {
+        results = m.finish();
+      } catch (...) {
+        m.started.clear();  // who called align() has nothing to finish; the next call waits for the device
+        throw;
+      }
     } else {
       results = m.align_on_host(chunk);
     }
@@ -287,6 +292,7 @@ void DeviceAligner::Impl::start(std::span<const Pair> pairs, const engine::Synch
 }
 
 std::vector<Alignment> DeviceAligner::Impl::finish() {
+  if (started.empty()) return {};
   try {
     submission.wait();
   } catch (const Error& error) {

@@ -91,10 +91,10 @@ void Submission::submit(const Synchronisation& synchronisation) {
   for (; end_pending_ < recorded_; ++end_pending_) {
     const Part& part = parts_[end_pending_];
     check(context_->vk().ResetFences(context_->device(), 1, &part.fence), "vkResetFences");
-    const bool first = end_pending_ == 0, last = end_pending_ + 1 == recorded_;
+    // A later part does not wait for an earlier one's semaphores, except where a barrier in it says so: each has them all.
+    const bool last = end_pending_ + 1 == recorded_;
     context_->submit(part.commands, part.fence,
-                     {first ? synchronisation.wait : std::span<const TimelinePoint>{},
-                      last ? synchronisation.signal : std::span<const TimelinePoint>{}});
+                     {synchronisation.wait, last ? synchronisation.signal : std::span<const TimelinePoint>{}});
   }
 }
 
