@@ -34,6 +34,7 @@ struct Keyframe {
   double time = 0;
   double sharpness = 0;
   SE3 T_WC;
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, while its rows were read, beyond what they were unrolled with
   Features features;                    ///< inverse depths as they are known now
   std::vector<double> measured, sigma;  ///< inverse depths as the sensor had them, and their standard deviations; 0: not known
   FramePixels pixels;                   ///< later keyframes' features are looked for in them

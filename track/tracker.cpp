@@ -46,6 +46,7 @@ void TrackerOptions::check() const {
   check_range("min_inliers", min_inliers, 6, 8192);
   check_range("weak_correlation", weak_correlation, 0, 1);
   check_range("weak_motion", weak_motion, 0, 1);
+  check_range("readout", readout, -0.2, 0.2);
   check_range("min_sharpness", min_sharpness, 0, 1);
   refiner.check();
 }
@@ -54,8 +55,9 @@ Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
   Plan plan{.width = camera.width, .height = camera.height, .max_features = options.detector.count};
   plan.max_references = options.keyframes;
   plan.max_pairs = 2 * options.window;
-  plan.format = options.masks ? PixelFormat::rgba8 : PixelFormat::r8;
-  plan.target_masks = options.masks;
+  const bool masks = options.masks || options.readout != 0;  // unrolled images are not seen everywhere
+  plan.format = masks ? PixelFormat::rgba8 : PixelFormat::r8;
+  plan.target_masks = masks;
   return plan;
 }
 
@@ -80,6 +82,7 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   if (features.size() < 2 * options.min_inliers) return false;
   Keyframe& k = keyframes.add(frame.time, T_WC);
   k.sharpness = sharpness(grey);
+  k.turn = turned ? Eigen::Vector3d(turned->turn - rate * options.readout) : Eigen::Vector3d::Zero();
   k.origin = origin;
   k.measured = features.inverse_depth;
   k.sigma = features.inverse_depth_sigma;
@@ -113,8 +116,9 @@ Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& o
 
 Tracker::~Tracker() = default;
 
-TrackResult Tracker::track(const TrackFrame& frame) {
+TrackResult Tracker::track(const TrackFrame& given) {
   Impl& m = *impl_;
+  TrackFrame frame = given;
   const auto check_size = [&](const ImageView& image, const char* what) {
     if (image.width != m.camera.width || image.height != m.camera.height)
       throw Error(ErrorCode::invalid_argument, std::string(what) + " of " + std::to_string(image.width) + "x" +
@@ -144,11 +148,15 @@ TrackResult Tracker::track(const TrackFrame& frame) {
     return result;
   }
   const auto start = Clock::now();
-  const auto found = m.find_pose(frame, result.searched);
+  frame = m.unrolled(given, m.rate);
+  auto found = m.find_pose(frame, result.searched);
+  if (found && m.rolls() && !m.lost) frame = m.unroll_again(given, frame, *found);
   result.align_ms = milliseconds_since(start);
   if (!found) {
     m.lost = true;
     m.velocity.reset();
+    m.turned.reset();
+    m.rate.setZero();
     result.T_WC = m.last->T_WC;
     result.reason =
         "not found from where it was expected, nor by a search among " + std::to_string(m.keyframes.size()) + " keyframes";
@@ -170,6 +178,7 @@ TrackResult Tracker::track(const TrackFrame& frame) {
   result.inliers = a.inliers;
   result.sigma = a.sigma;
 
+  m.learn_readout(*found, frame.time, result.T_WC);
   const Keyframe::Origin origin{k.id, a.T_10, found->confirmed, a.covariance};
   const Overlap seen = overlap(m.camera, k, result.T_WC);
   const bool little = seen.visible < kLittleVisible;
@@ -191,6 +200,7 @@ TrackResult Tracker::track(const TrackFrame& frame) {
 
 int Tracker::keyframe_count() const { return impl_->keyframes.count(); }
 const SE3& Tracker::keyframe_pose(int id) const { return impl_->keyframes.pose(id); }
+const ReadoutEstimate& Tracker::readout() const { return impl_->readout; }
 const Keyframes& Tracker::keyframes() const { return impl_->keyframes; }
 
 }  // namespace iclk

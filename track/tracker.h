@@ -10,6 +10,8 @@
 
 namespace iclk {
 
+class ReadoutEstimate;
+
 /// Pointers are read during the call only.
 struct TrackFrame {
   double time = 0;  ///< s; later than the frame before
@@ -37,6 +39,9 @@ struct TrackerOptions {
   /// A pose that the features do not confirm, as in a blurred frame, counts as tracked if the images correlate so much at it
   /// and it moves no corner of the image by more than this share of its width from where it was expected.
   double weak_correlation = 0.75, weak_motion = 0.06;
+  /// Rolling shutter: s from an image's first row to its last, negative if the last comes first; 0: all at once. Frames are
+  /// unrolled by how fast the camera turns (rolling_shutter.h), their times are those of the middle rows.
+  double readout = 0;
   /// A frame whose gradients have less of the keyframe's energy is blurred, and becomes no keyframe unless it has to.
   double min_sharpness = 0.7;
   RefinerOptions refiner;
@@ -88,6 +93,8 @@ class Tracker {
   int keyframe_count() const;              ///< that ever were
   const SE3& keyframe_pose(int id) const;  ///< T_WC, as it is known now
   const Keyframes& keyframes() const;
+  /// What the features say of TrackerOptions::readout.
+  const ReadoutEstimate& readout() const;
 
  private:
   struct Impl;

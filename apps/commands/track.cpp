@@ -1,9 +1,13 @@
 #include <spdlog/spdlog.h>
 
+#include <iclk/engine/error.h>
+
 #include "apps/batch/progress.h"
+#include "apps/bench/measure.h"
 #include "apps/commands/command.h"
 #include "apps/io/depth_sigma.h"
 #include "apps/session/session.h"
+#include "apps/track/peers.h"
 #include "apps/track/run.h"
 
 namespace iclk {
@@ -11,12 +15,14 @@ namespace {
 
 struct TrackCommand {
   TrackRunOptions run;
+  bool peers = false;
   std::string camera, distortion, solver = "device", depth_sigma = "structured-light";
 };
 
 const char* const kFooter =
-    "FOLDER is a TUM RGB-D recording: rgb.txt, depth.txt, and camera.txt (fx fy cx cy width height depth_scale) or --camera;\n"
-    "with groundtruth.txt the errors are told. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
+    "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or depths\n"
+    "whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. With groundtruth.txt\n"
+    "the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT beside it. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
     "\n"
     "Written to --out: live.txt (TUM trajectory as each frame was answered) and frames.jsonl (status, covariance, times) grow\n"
     "with every frame; trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by "
@@ -31,20 +37,17 @@ const char* const kFooter =
 
 void run_track(const TrackCommand& command) {
   TrackRunOptions options = command.run;
-  if (!command.camera.empty()) options.camera = load_camera(command.camera);
-  if (!command.distortion.empty()) options.distortion = parse_distortion(command.distortion);
+  if (!command.camera.empty()) options.frames.camera = load_camera(command.camera);
+  if (!command.distortion.empty()) options.frames.distortion = parse_distortion(command.distortion);
   options.solver = parse_solver(command.solver);
   const DepthSigma sigma = parse_depth_sigma(command.depth_sigma);
   options.tracker.depth_noise = {sigma.constant, sigma.relative};
-  if (sigma.disparity > 0) {
-    const Sequence sequence = load_sequence(options.folder);
-    const Camera& camera = options.camera ? options.camera->camera : sequence.camera.value().camera;
-    options.tracker.depth_noise.constant += sigma.disparity / std::abs(camera.fx);
-  }
   options.tracker.check();
+  RecordedFrames frames(options.frames);
+  if (sigma.disparity > 0) options.tracker.depth_noise.constant += sigma.disparity / std::abs(frames.camera().fx);
   ProgressBar bar;
   const auto start = std::chrono::steady_clock::now();
-  const TrackReport report = track_sequence(options, [&](int done, int total, int lost) {
+  const TrackReport report = track_sequence(options, frames, [&](int done, int total, int lost) {
     bar.show({.total = total,
               .before = 0,
               .done = done,
@@ -57,6 +60,11 @@ void run_track(const TrackCommand& command) {
   if (!options.out.empty())
     print("written    trajectory.txt, trajectory_kitti.txt, live.txt, keyframes.txt, frames.jsonl, map.ply, path.png in " +
           options.out + "\n");
+  if (!command.peers) return;
+  if (!report.live) throw Error(ErrorCode::invalid_argument, "--peers needs a truth: groundtruth.txt in " + options.frames.folder);
+  const Progress peers_progress = terminal_progress();
+  const auto peers = chain_peers(frames, [&](int done, int total) { peers_progress("peers", done, total); });
+  print(to_text(peers));
 }
 
 }  // namespace
@@ -65,8 +73,9 @@ void add_track(CLI::App& app) {
   CLI::App* command = app.add_subcommand("track", "Follow a camera with depth through a recording: trajectory and sparse map");
   auto options = std::make_shared<TrackCommand>();
   TrackRunOptions& run = options->run;
+  FramesOptions& frames = run.frames;
   TrackerOptions& tracker = run.tracker;
-  command->add_option("FOLDER", run.folder, "Recording in the TUM RGB-D layout")
+  command->add_option("FOLDER", frames.folder, "Recording: images with depth")
       ->required()
       ->check(not_empty)
       ->type_name("DIR");
@@ -74,14 +83,17 @@ void add_track(CLI::App& app) {
   command->add_option("--camera", options->camera, "fx,fy,cx,cy[,width,height] or a file, as of align; default: FOLDER's");
   command->add_option("--distortion", options->distortion,
                       "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's");
-  command->add_option("--depth-scale", run.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
+  command->add_option("--depth-scale", frames.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
   command
       ->add_option("--depth-sigma", options->depth_sigma,
                    "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%")
       ->capture_default_str();
-  command->add_option("--first", run.first, "Frame to begin with")->capture_default_str()->check(CLI::NonNegativeNumber);
-  command->add_option("--frames", run.count, "Frames, at most; 0: all")->capture_default_str()->check(CLI::NonNegativeNumber);
-  command->add_option("--stride", run.stride, "Take every so many frames")->capture_default_str()->check(CLI::PositiveNumber);
+  command->add_option("--first", frames.first, "Frame to begin with")->capture_default_str()->check(CLI::NonNegativeNumber);
+  command->add_option("--frames", frames.count, "Frames, at most; 0: all")->capture_default_str()->check(CLI::NonNegativeNumber);
+  command->add_option("--stride", frames.stride, "Take every so many frames")->capture_default_str()->check(CLI::PositiveNumber);
+  command->add_option("--rate", frames.rate, "Frames a second, where neither lists nor names of files hold times")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
   command->option_defaults()->group("Tracking");
   command->add_option("--count", tracker.detector.count, "Features a keyframe")->capture_default_str();
   command->add_option("--keyframes", tracker.keyframes, "Keyframes that are held; the oldest leave")->capture_default_str();
@@ -89,12 +101,16 @@ void add_track(CLI::App& app) {
   command
       ->add_option("--min-visible", tracker.min_visible, "A frame that sees less of its keyframe's features becomes a keyframe")
       ->capture_default_str();
+  command->add_option("--readout", tracker.readout,
+                      "Rolling shutter: s from an image's first row to its last; 0: all at once. The report says what to try")
+      ->capture_default_str();
   command->add_option("--model", run.model, "classical, the name of a model, or a file")->capture_default_str();
   command->add_option("--solver", options->solver, "device, host or cpu")->capture_default_str();
   command->add_option("--device", run.device,
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->option_defaults()->group("Output");
   command->add_option("--out", run.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
+  command->add_flag("--peers", options->peers, "Other methods from frame to frame, beside the truth");
   command->footer(std::string(kFooter) + kExitCodesHelp);
   command->callback([options] { run_track(*options); });
 }

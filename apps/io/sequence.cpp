@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <initializer_list>
+#include <map>
 
 #include <iclk/engine/error.h>
 
@@ -12,6 +14,8 @@
 namespace iclk {
 namespace {
 
+namespace fs = std::filesystem;
+
 constexpr double kMaxTruthGap = 0.25;  // s; motion capture drops out at times, and a straight line over more is no truth
 
 struct StampedFile {
@@ -19,7 +23,7 @@ struct StampedFile {
   std::string path;
 };
 
-std::vector<StampedFile> load_list(const std::filesystem::path& folder, const char* name) {
+std::vector<StampedFile> load_list(const fs::path& folder, const char* name) {
   const std::string path = (folder / name).string();
   const std::string text = read_file(path);
   std::vector<StampedFile> files;
@@ -64,22 +68,105 @@ std::vector<int> associate(const std::vector<StampedFile>& a, const std::vector<
   return match;
 }
 
-}  // namespace
+/// Names as a person counts: frame2 before frame10.
+bool natural_less(const std::string& a, const std::string& b) {
+  const auto digit = [](char c) { return c >= '0' && c <= '9'; };
+  size_t i = 0, j = 0;
+  while (i < a.size() && j < b.size()) {
+    if (!digit(a[i]) || !digit(b[j])) {
+      if (a[i] != b[j]) return a[i] < b[j];
+      ++i, ++j;
+      continue;
+    }
+    const auto number = [&](const std::string& s, size_t& at) {
+      while (at < s.size() && s[at] == '0') ++at;
+      const size_t from = at;
+      while (at < s.size() && digit(s[at])) ++at;
+      return s.substr(from, at - from);
+    };
+    const std::string n = number(a, i), m = number(b, j);
+    if (n != m) return n.size() != m.size() ? n.size() < m.size() : n < m;
+  }
+  return a.size() - i != b.size() - j ? a.size() - i < b.size() - j : a < b;
+}
 
-Sequence load_sequence(const std::string& folder, double max_difference) {
-  const std::filesystem::path root(folder);
-  Sequence sequence;
-  sequence.folder = folder;
+std::optional<fs::path> first_folder(const fs::path& root, std::initializer_list<const char*> names) {
+  for (const char* name : names)
+    if (fs::is_directory(root / name)) return root / name;
+  return {};
+}
+
+/// Files of a folder by their names without ending; hidden ones are left out.
+std::vector<fs::path> files_of(const fs::path& folder) {
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (entry.is_regular_file() && entry.path().filename().string()[0] != '.') files.push_back(entry.path());
+  std::sort(files.begin(), files.end(),
+            [](const auto& a, const auto& b) { return natural_less(a.stem().string(), b.stem().string()); });
+  return files;
+}
+
+/// The time that a name is, in seconds.
+std::optional<double> time_of(const std::string& stem) {
+  constexpr size_t kNanoseconds = 16;  // digits
+  const bool digits = !stem.empty() && stem.find_first_not_of("0123456789") == std::string::npos;
+  const bool seconds = stem.find_first_not_of("0123456789.") == std::string::npos && stem.find('.') != std::string::npos;
+  if (!seconds && !(digits && stem.size() >= kNanoseconds)) return {};
+  const auto value = to_number(stem);
+  if (!value || !std::isfinite(*value)) return {};
+  return seconds ? *value : 1e-9 * *value;
+}
+
+/// Image and depth in two folders, by their names.
+void list_folders(const fs::path& root, double rate, Sequence& sequence) {
+  const auto images = first_folder(root, {"rgb", "color", "images", "image"}), depths = first_folder(root, {"depth", "depths"});
+  if (!images || !depths)
+    throw Error(ErrorCode::io, "no " + (root / "rgb.txt").string() +
+                                   ", and no folders rgb (or color, images, image) and depth (or depths) in its place");
+  std::map<std::string, std::string> depth_of;
+  for (const fs::path& file : files_of(*depths)) depth_of[file.stem().string()] = file.string();
+  const std::vector<fs::path> files = files_of(*images);
+  if (files.empty()) throw Error(ErrorCode::invalid_argument, images->string() + " has no image");
+  bool timed = true, any_depth = false;
+  for (const fs::path& file : files) timed = timed && time_of(file.stem().string());
+  for (size_t i = 0; i < files.size(); ++i) {
+    const std::string stem = files[i].stem().string();
+    const auto depth = depth_of.find(stem);
+    any_depth = any_depth || depth != depth_of.end();
+    sequence.frames.push_back({timed ? *time_of(stem) : static_cast<double>(i) / rate, files[i].string(),
+                               depth == depth_of.end() ? "" : depth->second, {}});
+  }
+  if (!any_depth)
+    throw Error(ErrorCode::invalid_argument, "no file of " + depths->string() + " is named as one of " + images->string() +
+                                                 ", as " + files[0].stem().string() + " is");
+  std::stable_sort(sequence.frames.begin(), sequence.frames.end(),
+                   [](const auto& a, const auto& b) { return a.stamp < b.stamp; });
+}
+
+void list_tum(const fs::path& root, double max_difference, Sequence& sequence) {
   const std::vector<StampedFile> images = load_list(root, "rgb.txt"), depths = load_list(root, "depth.txt");
   const std::vector<int> match = associate(images, depths, max_difference);
+  for (size_t i = 0; i < images.size(); ++i)
+    sequence.frames.push_back(
+        {images[i].stamp, images[i].path, match[i] < 0 ? "" : depths[static_cast<size_t>(match[i])].path, {}});
+}
+
+}  // namespace
+
+Sequence load_sequence(const std::string& folder, const SequenceOptions& options) {
+  const fs::path root(folder);
+  Sequence sequence;
+  sequence.folder = folder;
+  if (fs::exists(root / "rgb.txt") || !fs::is_directory(root))
+    list_tum(root, options.max_difference, sequence);
+  else
+    list_folders(root, options.rate, sequence);
   std::vector<StampedPose> truth;
-  if (std::filesystem::exists(root / "groundtruth.txt")) truth = load_trajectory((root / "groundtruth.txt").string());
-  if (std::filesystem::exists(root / "camera.txt")) sequence.camera = load_camera((root / "camera.txt").string());
-  for (size_t i = 0; i < images.size(); ++i) {
-    SequenceFrame frame{images[i].stamp, images[i].path, match[i] < 0 ? "" : depths[static_cast<size_t>(match[i])].path, {}};
+  if (fs::exists(root / "groundtruth.txt")) truth = load_trajectory((root / "groundtruth.txt").string());
+  if (fs::exists(root / "camera.txt")) sequence.camera = load_camera((root / "camera.txt").string());
+  for (SequenceFrame& frame : sequence.frames) {
     SE3 T_wc;
     if (interpolate(truth, frame.stamp, kMaxTruthGap, T_wc)) frame.T_wc = T_wc;
-    sequence.frames.push_back(std::move(frame));
   }
   return sequence;
 }

@@ -15,16 +15,24 @@ struct SequenceFrame {
   std::optional<SE3> T_wc;   ///< camera to world at the colour image's time, interpolated; nothing outside the ground truth
 };
 
-/// A recording in the TUM RGB-D layout: rgb.txt, depth.txt, and where they exist groundtruth.txt and camera.txt.
+/// A recording, with its groundtruth.txt and camera.txt where they exist.
 struct Sequence {
   std::string folder;
   std::optional<CameraFile> camera;   ///< of camera.txt
   std::vector<SequenceFrame> frames;  ///< in order of time
 };
 
-/// Colour and depth are paired by time, nearest first and at most max_difference seconds apart, each used once.
+struct SequenceOptions {
+  double max_difference = 0.04;  ///< s, between an image and its depth
+  double rate = 30;              ///< frames a second, where names hold no times
+};
+
+/// A folder in the TUM RGB-D layout (rgb.txt, depth.txt): image and depth are paired by time, nearest first, each used once.
+/// Without rgb.txt, a folder `rgb`, `color`, `images` or `image` with a folder `depth` or `depths`: paired by the files' names
+/// without ending, in the order of the numbers in them. Names that are times are times: seconds with a point, nanoseconds of 16
+/// digits or more.
 /// Throws Error(io) for a missing file, Error(invalid_argument) "<file>:<line>: ..." for a broken line or an empty list.
-Sequence load_sequence(const std::string& folder, double max_difference = 0.04);
+Sequence load_sequence(const std::string& folder, const SequenceOptions& options = {});
 
 /// Frame i against frame i + stride.
 struct SequencePair {

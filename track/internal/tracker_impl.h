@@ -1,7 +1,9 @@
 #pragma once
-// State of a Tracker: track() and keyframes (tracker.cpp), where a frame is (find_pose.cpp), keyframes together (window.cpp).
+// State of a Tracker: track() and keyframes (tracker.cpp), where a frame is (find_pose.cpp), keyframes together (window.cpp),
+// rolling shutters (turning.cpp).
 #include <optional>
 
+#include <iclk/track/rolling_shutter.h>
 #include <iclk/track/tracker.h>
 
 namespace iclk {
@@ -32,6 +34,14 @@ struct Tracker::Impl {
   /// Keeps the better one of what is only credible.
   void consider(int id, const RefinedAlignment& a, const SE3& expected, std::optional<Found>& weak);
 
+  // turning.cpp
+  bool rolls() const { return options.readout != 0; }
+  TrackFrame unrolled(const TrackFrame& frame, const Eigen::Vector3d& with);
+  Eigen::Vector3d rate_at(double time, const SE3& T_WC) const;
+  std::optional<TurnEstimate> seen_turn(const Found& found, double prior_sigma) const;
+  TrackFrame unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found);
+  void learn_readout(const Found& found, double time, const SE3& T_WC);
+
   // tracker.cpp
   bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
                      TrackResult& result);
@@ -52,6 +62,17 @@ struct Tracker::Impl {
   std::optional<Keyframe::Origin> previous_origin;
   std::optional<SE3> velocity;  ///< motion of the camera in velocity_seconds, in its own frame
   double velocity_seconds = 1;
+  Eigen::Vector3d rate = Eigen::Vector3d::Zero();  ///< angular velocity at the last frame, rad/s, in its axes
+  /// Of the last frame, until the next one tells how fast it turned.
+  struct Turned {
+    double time = 0, time_before = 0;
+    SE3 T_WC_before;
+    Eigen::Vector3d turn;
+    double sigma = 0;
+  };
+  std::optional<Turned> turned;
+  FramePixels flat;  ///< the frame at hand, unrolled
+  ReadoutEstimate readout;
   bool lost = false;
   int next_tried = 0;               ///< where relocalise() goes on among the keyframes
   std::optional<double> last_time;  ///< of any frame

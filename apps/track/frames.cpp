@@ -1,0 +1,66 @@
+#include "apps/track/frames.h"
+
+#include <fmt/format.h>
+
+#include <iclk/engine/error.h>
+
+#include "apps/io/images.h"
+
+namespace iclk {
+
+RecordedFrames::RecordedFrames(const FramesOptions& options) : sequence_(load_sequence(options.folder, {.rate = options.rate})) {
+  if (!options.camera && !sequence_.camera) throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
+  const CameraFile file = options.camera ? *options.camera : *sequence_.camera;
+  scale_ = options.depth_scale > 0 ? options.depth_scale : file.depth_scale;
+  distortion_ = options.distortion.value_or(file.distortion);
+  const int end = static_cast<int>(sequence_.frames.size());
+  for (int i = options.first; i < end && (options.count == 0 || size() < options.count); i += options.stride) {
+    const bool later = chosen_.empty() || sequence_.frames[static_cast<size_t>(i)].stamp > frame(size() - 1).stamp;
+    if (later)
+      chosen_.push_back(static_cast<size_t>(i));
+    else
+      ++doubled_;
+  }
+  if (chosen_.empty())
+    throw Error(ErrorCode::invalid_argument, options.folder + " has " + std::to_string(end) + " frames, none of them from " +
+                                                 std::to_string(options.first) + " on");
+  const cv::Mat first = load_image(frame(0).image);
+  camera_ = fit_camera(file, first.cols, first.rows);
+  undistorter_.emplace(camera_, distortion_);
+}
+
+void RecordedFrames::check_size(const cv::Mat& image, const std::string& path) const {
+  if (image.cols != camera_.width || image.rows != camera_.height)
+    throw Error(ErrorCode::invalid_argument, fmt::format("{} has {}x{} pixels, the first image {}x{}", path, image.cols,
+                                                         image.rows, camera_.width, camera_.height));
+}
+
+const RecordedFrames::Pixels& RecordedFrames::read(int i) {
+  const SequenceFrame& f = frame(i);
+  pixels_ = {};
+  const auto attempt = [&](const auto& load, const std::string& path, cv::Mat& to) {
+    try {
+      cv::Mat loaded = load();
+      check_size(loaded, path);
+      to = loaded;
+    } catch (const Error& error) {
+      pixels_.problem += (pixels_.problem.empty() ? "" : "; ") + std::string(error.what());
+    }
+  };
+  attempt([&] { return load_image(f.image); }, f.image, pixels_.image);
+  if (!f.depth.empty()) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, pixels_.depth);
+  if (masks()) {
+    if (!pixels_.image.empty()) pixels_.image = undistorter_->image(pixels_.image);
+    if (!pixels_.depth.empty()) pixels_.depth = undistorter_->depth(pixels_.depth);
+  }
+  return pixels_;
+}
+
+TrackFrame RecordedFrames::view_of(int i) const {
+  TrackFrame out{.time = time(i), .image = view(pixels_.image), .depth = {}, .mask = {}};
+  if (!pixels_.depth.empty()) out.depth = view(pixels_.depth);
+  if (masks()) out.mask = view(undistorter_->seen());
+  return out;
+}
+
+}  // namespace iclk

@@ -1,0 +1,65 @@
+#pragma once
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include <iclk/track/tracker.h>
+
+#include "apps/io/camera_file.h"
+#include "apps/io/distortion.h"
+#include "apps/io/sequence.h"
+
+namespace iclk {
+
+struct FramesOptions {
+  std::string folder;                    ///< as load_sequence() takes it
+  std::optional<CameraFile> camera;      ///< none: the folder's camera.txt
+  std::optional<Distortion> distortion;  ///< none: the camera file's
+  double depth_scale = 0;                ///< 0: the camera file's
+  double rate = 30;                      ///< frames a second, where the recording has no times
+  int first = 0, count = 0, stride = 1;  ///< frames: from, at most (0: all), every so many
+};
+
+/// A recording's frames, read one at a time, undistorted.
+class RecordedFrames {
+ public:
+  /// Throws what load_sequence(), load_camera() and load_image() throw of the first image, and Error(invalid_argument) where no
+  /// frame is chosen or the camera is of another size.
+  explicit RecordedFrames(const FramesOptions& options);
+
+  int size() const { return static_cast<int>(chosen_.size()); }
+  int doubled() const { return doubled_; }  ///< frames left out: as late as the one before
+  const Camera& camera() const { return camera_; }
+  bool masks() const { return !distortion_.empty(); }  ///< pixels that the lens did not see are masked
+  const cv::Mat& seen() const { return undistorter_->seen(); }  ///< CV_8UC1, empty without masks()
+  double time(int i) const { return frame(i).stamp; }
+  const std::optional<SE3>& truth(int i) const { return frame(i).T_wc; }
+
+  /// A frame's pixels, until the next one is read.
+  struct Pixels {
+    cv::Mat image;        ///< empty: it cannot be read
+    cv::Mat depth;        ///< CV_32FC1 metres, 0 where there is none; empty: none
+    std::string problem;  ///< what could not be read, and why
+  };
+  const Pixels& read(int i);
+  /// Of pixels that have an image.
+  TrackFrame view_of(int i) const;
+
+ private:
+  const SequenceFrame& frame(int i) const { return sequence_.frames[chosen_[static_cast<size_t>(i)]]; }
+  void check_size(const cv::Mat& image, const std::string& path) const;
+
+  Sequence sequence_;
+  std::vector<size_t> chosen_;
+  int doubled_ = 0;
+  double scale_ = 0;
+  Distortion distortion_;
+  Camera camera_;
+  std::optional<Undistorter> undistorter_;
+  Pixels pixels_;
+};
+
+}  // namespace iclk

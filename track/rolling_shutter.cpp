@@ -1,0 +1,207 @@
+#include <iclk/track/rolling_shutter.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+#include <vector>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+
+namespace iclk {
+namespace {
+
+/// Between nodes of a grid the source is interpolated: over so few pixels the way of a turning camera is straight.
+constexpr int kCell = 16;
+constexpr int kRounds = 3;  // row of the source and the camera's turn at that row, in turns
+constexpr double kCauchy = 2.5;
+constexpr int kIterations = 5;
+constexpr double kLeastZ = 1e-3;
+constexpr size_t kLeastSightings = 15;
+/// A camera that turns slower says nothing of its readout. rad/s.
+constexpr double kLeastRate = 0.2;
+/// rad: what is wrong in turns besides the positions.
+constexpr double kTurnNoise = 2e-3;
+/// s: a bin of the frames' votes, kVotes of them on each side of zero.
+constexpr double kVote = 5e-4;
+constexpr int kVotes = 200;
+constexpr double kLeastFrames = 5;
+
+Eigen::Matrix3d turned(const Eigen::Vector3d& phi) {
+  return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
+}
+
+/// Where the pixel of a camera that stands still is found in the frame, and its depth there in relation to here.
+struct Source {
+  Eigen::Vector2f uv;
+  float depth_ratio = 1;
+};
+
+Source source_of(const Camera& camera, const Eigen::Vector3d& turn, const Eigen::Vector2d& uv) {
+  const Eigen::Vector3d ray = camera.ray(uv);
+  Eigen::Vector2d at = uv;
+  double z = 1;
+  for (int round = 0; round < kRounds; ++round) {
+    const Eigen::Vector3d p = turned(-turn * row_time(camera, at.y())) * ray;
+    if (!(p.z() > kLeastZ)) return {Eigen::Vector2f::Constant(-1e6f), 1};
+    at = camera.project(p);
+    z = p.z();
+  }
+  return {at.cast<float>(), static_cast<float>(z)};
+}
+
+/// source_of() all pixels.
+class Sources {
+ public:
+  Sources(const Camera& camera, const Eigen::Vector3d& turn) : columns_((camera.width - 1) / kCell + 2) {
+    const int rows = (camera.height - 1) / kCell + 2;
+    nodes_.reserve(static_cast<size_t>(columns_) * static_cast<size_t>(rows));
+    for (int j = 0; j < rows; ++j)
+      for (int i = 0; i < columns_; ++i) nodes_.push_back(source_of(camera, turn, Eigen::Vector2d(i, j) * kCell));
+  }
+  /// One row of pixels.
+  void row(int v, std::vector<Source>& out) const {
+    const float b = static_cast<float>(v % kCell) / kCell;
+    const Source* above = &nodes_[static_cast<size_t>(v / kCell) * static_cast<size_t>(columns_)];
+    const Source* below = above + columns_;
+    for (size_t u = 0; u < out.size(); ++u) {
+      const size_t i = u / kCell;
+      const float a = static_cast<float>(u % kCell) / kCell;
+      const float w[4] = {(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b};
+      out[u].uv = w[0] * above[i].uv + w[1] * above[i + 1].uv + w[2] * below[i].uv + w[3] * below[i + 1].uv;
+      out[u].depth_ratio = w[0] * above[i].depth_ratio + w[1] * above[i + 1].depth_ratio + w[2] * below[i].depth_ratio +
+                           w[3] * below[i + 1].depth_ratio;
+    }
+  }
+
+ private:
+  int columns_;
+  std::vector<Source> nodes_;
+};
+
+template <class T>
+void sample_row(const ImageView& image, const std::vector<Source>& sources, T* out) {
+  const int n = channels(image.format);
+  for (const Source& s : sources) {
+    const float u = std::clamp(s.uv.x(), 0.0f, static_cast<float>(image.width - 1));
+    const float v = std::clamp(s.uv.y(), 0.0f, static_cast<float>(image.height - 1));
+    const int u0 = static_cast<int>(u), v0 = static_cast<int>(v);
+    const int u1 = std::min(u0 + 1, image.width - 1), v1 = std::min(v0 + 1, image.height - 1);
+    const float a = u - static_cast<float>(u0), b = v - static_cast<float>(v0);
+    const T *above = reinterpret_cast<const T*>(image.row(v0)), *below = reinterpret_cast<const T*>(image.row(v1));
+    for (int c = 0; c < n; ++c) {
+      const auto at = [&](const T* row, int x) { return static_cast<float>(row[x * n + c]); };
+      const float value = (1 - b) * ((1 - a) * at(above, u0) + a * at(above, u1)) + b * ((1 - a) * at(below, u0) + a * at(below, u1));
+      *out++ = std::is_floating_point_v<T> ? static_cast<T>(value) : static_cast<T>(value + 0.5f);
+    }
+  }
+}
+
+bool inside(const ImageView& image, int u, int v) { return u >= 0 && v >= 0 && u < image.width && v < image.height; }
+
+}  // namespace
+
+void unroll(const TrackFrame& frame, const Camera& camera, const Eigen::Vector3d& turn, FramePixels& out) {
+  const ImageView& image = frame.image;
+  const size_t width = static_cast<size_t>(image.width), pixels = width * static_cast<size_t>(image.height);
+  const size_t bytes = bytes_per_pixel(image.format), sample = bytes / static_cast<size_t>(channels(image.format));
+  out.time = frame.time;
+  out.format = image.format;
+  out.image.resize(pixels * bytes);
+  out.mask.resize(pixels);
+  out.depth.resize(frame.depth.empty() ? 0 : pixels);
+  const Sources sources(camera, turn);
+  std::vector<Source> row(width);
+  for (int v = 0; v < image.height; ++v) {
+    const size_t at = static_cast<size_t>(v) * width;
+    sources.row(v, row);
+    uint8_t* to = &out.image[at * bytes];
+    if (sample == 1)
+      sample_row(image, row, to);
+    else if (sample == 2)
+      sample_row(image, row, reinterpret_cast<uint16_t*>(to));
+    else
+      sample_row(image, row, reinterpret_cast<float*>(to));
+    for (size_t u = 0; u < width; ++u) {
+      const int x = static_cast<int>(std::lround(row[u].uv.x())), y = static_cast<int>(std::lround(row[u].uv.y()));
+      const bool seen = inside(image, x, y);
+      out.mask[at + u] = seen && (frame.mask.empty() || frame.mask.row(y)[x]) ? 255 : 0;
+      if (!out.depth.empty())
+        out.depth[at + u] = seen ? reinterpret_cast<const float*>(frame.depth.row(y))[x] / row[u].depth_ratio : 0;
+    }
+  }
+}
+
+std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
+                                          std::span<const RollingSighting> sightings, double sigma, double prior_sigma) {
+  if (sightings.size() < kLeastSightings) return {};
+  using Vector9d = Eigen::Matrix<double, 9, 1>;
+  using Matrix9d = Eigen::Matrix<double, 9, 9>;
+  SE3 T = T_10;
+  TurnEstimate out;
+  const double prior = 1 / (prior_sigma * prior_sigma);
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    Matrix9d H = Matrix9d::Zero();
+    Vector9d b = Vector9d::Zero();
+    for (const RollingSighting& s : sightings) {
+      const double q = s.inverse_depth, at = row_time(camera, s.uv1.y());
+      const Eigen::Vector3d ray = turned(turn_0 * row_time(camera, s.uv0.y())) * camera.ray(s.uv0);
+      const Eigen::Matrix3d R = turned(-out.turn * at);
+      const Eigen::Vector3d p = R * (T.R * ray + q * T.t);
+      if (!(p.z() > kLeastZ)) continue;
+      const Eigen::Matrix<double, 2, 3> J = camera.project_jacobian(p);
+      const Eigen::Vector2d r = (s.uv1 - camera.project(p)) / sigma;
+      Eigen::Matrix<double, 2, 9> A;  // [rho, phi] of the pose, turn
+      A << J * R * T.R * q, -J * R * T.R * hat(ray), at * J * hat(p);
+      A /= sigma;
+      const double w = 1 / (1 + r.squaredNorm() / (kCauchy * kCauchy));
+      H += w * A.transpose() * A;
+      b += w * A.transpose() * r;
+    }
+    H.bottomRightCorner<3, 3>().diagonal().array() += prior;
+    b.tail<3>() -= prior * out.turn;
+    const Eigen::LDLT<Matrix9d> solver(H);
+    if (solver.info() != Eigen::Success || !(solver.rcond() > 1e-14)) return {};
+    const Vector9d step = solver.solve(b);
+    if (!step.allFinite()) return {};
+    T = T * SE3::exp(step.head<6>());
+    out.turn += step.tail<3>();
+    out.covariance = solver.solve(Matrix9d::Identity()).bottomRightCorner<3, 3>();
+  }
+  return out;
+}
+
+ReadoutEstimate::ReadoutEstimate() : votes_(static_cast<size_t>(2 * kVotes)) {}
+
+void ReadoutEstimate::add(const Eigen::Vector3d& turn, double sigma, const Eigen::Vector3d& rate) {
+  if (!(rate.norm() > kLeastRate) || !turn.allFinite()) return;
+  const double seconds = turn.dot(rate) / rate.squaredNorm(), noise = std::hypot(sigma, kTurnNoise);
+  const auto bin = static_cast<int>(std::floor(seconds / kVote)) + kVotes;
+  const double weight = rate.squaredNorm() / (noise * noise);
+  votes_[static_cast<size_t>(std::clamp(bin, 0, 2 * kVotes - 1))] += weight;
+  weight_ += weight;
+  weight2_ += weight * weight;
+}
+
+/// Within the bin as if its votes lay evenly.
+double ReadoutEstimate::quantile(double share) const {
+  double below = 0;
+  for (size_t i = 0; i < votes_.size(); ++i) {
+    if (votes_[i] > 0 && below + votes_[i] >= share * weight_)
+      return (static_cast<double>(i) - kVotes + (share * weight_ - below) / votes_[i]) * kVote;
+    below += votes_[i];
+  }
+  return 0;
+}
+
+double ReadoutEstimate::seconds() const { return quantile(0.5); }
+
+double ReadoutEstimate::sigma() const {
+  const double frames = weight_ > 0 ? weight_ * weight_ / weight2_ : 0;  // that count
+  if (frames < kLeastFrames) return std::numeric_limits<double>::infinity();
+  const double spread = (quantile(0.84) - quantile(0.16)) / 2;
+  return 1.25 * spread / std::sqrt(frames);  // of a median
+}
+
+}  // namespace iclk

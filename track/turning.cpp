@@ -1,0 +1,83 @@
+#include <algorithm>
+#include <cmath>
+
+#include <iclk/track/internal/tracker_impl.h>
+
+namespace iclk {
+namespace {
+
+/// px at the first and the last row: an image that was unrolled so much wrongly is unrolled again.
+constexpr double kBend = 0.3;
+constexpr int kAgain = 2;
+/// Steps between poses say how fast a camera turns only so far apart.
+constexpr double kLongestStep = 0.25;  // s
+constexpr double kLeastSigma = 0.1;    // px
+/// rad/s: how far a hand turns a camera otherwise than the frame before let it be.
+constexpr double kRateSigma = 1;
+/// rad: so far at most may a camera turn that nothing is known of.
+constexpr double kTurnSigma = 0.1;
+
+}  // namespace
+
+TrackFrame Tracker::Impl::unrolled(const TrackFrame& frame, const Eigen::Vector3d& with) {
+  if (!rolls()) return frame;
+  unroll(frame, camera, with * options.readout, flat);
+  return flat.frame(camera);
+}
+
+Eigen::Vector3d Tracker::Impl::rate_at(double time, const SE3& T_WC) const {
+  const double seconds = time - last->time;
+  if (seconds > kLongestStep) return Eigen::Vector3d::Zero();
+  return (last->T_WC.inverse() * T_WC).log().tail<3>() / seconds;
+}
+
+std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found, double prior_sigma) const {
+  const Keyframe& k = keyframes.all().at(found.keyframe);
+  const RefinedAlignment& a = found.alignment;
+  std::vector<RollingSighting> sightings;
+  for (size_t i = 0; i < a.features.size(); ++i)
+    if (a.features[i].status == FeatureStatus::aligned)
+      sightings.push_back({k.features.uv[i], a.features[i].uv1, k.features.inverse_depth[i]});
+  return estimate_turn(camera, a.T_10, k.turn, sightings, std::max(a.sigma, kLeastSigma), prior_sigma);
+}
+
+/// The image knows best how fast the camera turned while it was taken; where no features were found, the step before does.
+TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found) {
+  TrackFrame out = frame;
+  for (int round = 0; round < kAgain; ++round) {
+    const Keyframe& k = *keyframes.find(found.keyframe);
+    const SE3 T_WC = k.T_WC * found.alignment.T_10.inverse();
+    const auto seen = seen_turn(found, std::abs(options.readout) * kRateSigma);
+    if (!seen && round > 0) break;
+    const Eigen::Vector3d now = seen ? Eigen::Vector3d(rate + seen->turn / options.readout) : rate_at(frame.time, T_WC);
+    const double bend = (now - rate).norm() * std::abs(options.readout) / 2 * std::max(std::abs(camera.fx), std::abs(camera.fy));
+    if (bend < kBend) break;
+    const TrackFrame again = unrolled(given, now);
+    RefinedAlignment a = refiner.align(pair_with(found.keyframe, again, T_WC, false));
+    if (!confirmed(a) && (found.confirmed || !credible(a, k, T_WC))) return unrolled(given, rate);
+    rate = now;
+    found.confirmed = confirmed(a);
+    found.alignment = std::move(a);
+    out = again;
+  }
+  return out;
+}
+
+void Tracker::Impl::learn_readout(const Found& found, double time, const SE3& T_WC) {
+  const bool step = !lost && time - last->time < kLongestStep;
+  if (step && turned && turned->time == last->time)
+    readout.add(turned->turn, turned->sigma,
+                (turned->T_WC_before.inverse() * T_WC).log().tail<3>() / (time - turned->time_before));
+  turned.reset();
+  if (!step) {
+    rate.setZero();
+    return;
+  }
+  if (!rolls()) rate.setZero();
+  const auto seen = found.confirmed ? seen_turn(found, kTurnSigma) : std::nullopt;
+  if (seen)
+    turned = Turned{time, last->time, last->T_WC, seen->turn + rate * options.readout,
+                    std::sqrt(seen->covariance.trace() / 3)};
+}
+
+}  // namespace iclk
