@@ -35,7 +35,7 @@ struct Keyframe {
   double sharpness = 0;
   SE3 T_WC;
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, while its rows were read, beyond what they were unrolled with
-  Features features;                    ///< inverse depths as they are known now
+  Features features;                               ///< inverse depths as they are known now
   std::vector<double> measured, sigma;  ///< inverse depths as the sensor had them, and their standard deviations; 0: not known
   FramePixels pixels;                   ///< later keyframes' features are looked for in them
   /// How it was found: by the alignment with another one.
@@ -66,6 +66,8 @@ class Keyframes {
 
   /// A new one, in a free slot or in that of the one which leaves: the oldest.
   Keyframe& add(double time, const SE3& T_WC);
+  /// Holds none any more; the poses stay.
+  void forget() { held_.clear(); }
   bool empty() const { return held_.empty(); }
   int size() const { return static_cast<int>(held_.size()); }
   int count() const { return static_cast<int>(poses_.size()); }  ///< that ever were

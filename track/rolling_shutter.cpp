@@ -92,7 +92,8 @@ void sample_row(const ImageView& image, const std::vector<Source>& sources, T* o
     const T *above = reinterpret_cast<const T*>(image.row(v0)), *below = reinterpret_cast<const T*>(image.row(v1));
     for (int c = 0; c < n; ++c) {
       const auto at = [&](const T* row, int x) { return static_cast<float>(row[x * n + c]); };
-      const float value = (1 - b) * ((1 - a) * at(above, u0) + a * at(above, u1)) + b * ((1 - a) * at(below, u0) + a * at(below, u1));
+      const float value =
+          (1 - b) * ((1 - a) * at(above, u0) + a * at(above, u1)) + b * ((1 - a) * at(below, u0) + a * at(below, u1));
       *out++ = std::is_floating_point_v<T> ? static_cast<T>(value) : static_cast<T>(value + 0.5f);
     }
   }
@@ -124,7 +125,7 @@ void unroll(const TrackFrame& frame, const Camera& camera, const Eigen::Vector3d
     else
       sample_row(image, row, reinterpret_cast<float*>(to));
     for (size_t u = 0; u < width; ++u) {
-      const int x = static_cast<int>(std::lround(row[u].uv.x())), y = static_cast<int>(std::lround(row[u].uv.y()));
+      const int x = static_cast<int>(std::floor(row[u].uv.x() + 0.5f)), y = static_cast<int>(std::floor(row[u].uv.y() + 0.5f));
       const bool seen = inside(image, x, y);
       out.mask[at + u] = seen && (frame.mask.empty() || frame.mask.row(y)[x]) ? 255 : 0;
       if (!out.depth.empty())
@@ -161,8 +162,8 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10,
     }
     H.bottomRightCorner<3, 3>().diagonal().array() += prior;
     b.tail<3>() -= prior * out.turn;
-    const Eigen::LDLT<Matrix9d> solver(H);
-    if (solver.info() != Eigen::Success || !(solver.rcond() > 1e-14)) return {};
+    const Eigen::LLT<Matrix9d> solver(H);
+    if (solver.info() != Eigen::Success) return {};
     const Vector9d step = solver.solve(b);
     if (!step.allFinite()) return {};
     T = T * SE3::exp(step.head<6>());

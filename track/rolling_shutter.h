@@ -32,8 +32,8 @@ struct TurnEstimate {
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, in the camera's axes, beyond what the image was unrolled with
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
 };
-/// Pose and turn together, by robust least squares about T_10. `turn_0`: the keyframe's own, rad. `sigma`: px, of the positions; `prior_sigma`: rad, of the turn
-/// about zero, an axis. Nothing where the sightings are too few.
+/// Pose and turn together, by robust least squares about T_10. `turn_0`: the keyframe's own, rad. `sigma`: px, of the
+/// positions; `prior_sigma`: rad, of the turn about zero, an axis. Nothing where the sightings are too few.
 std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
                                           std::span<const RollingSighting> sightings, double sigma, double prior_sigma);
 

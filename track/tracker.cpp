@@ -73,21 +73,27 @@ void Tracker::Impl::set_reference(const Keyframe& k) {
                         {.image = k.pixels.frame(camera).image, .camera = camera, .features = k.features, .inverse_depth = {}});
 }
 
+/// Nothing where they are too few for a keyframe.
+std::optional<Features> Tracker::Impl::features_of(const TrackFrame& frame) const {
+  if (frame.depth.empty()) return {};
+  Features features = detect_features(grey_map(frame.image), frame.depth, options.depth_noise, options.detector);
+  if (features.size() < 2 * options.min_inliers) return {};
+  return features;
+}
+
 bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
                                   TrackResult& result) {
   const auto start = Clock::now();
-  if (frame.depth.empty()) return false;
-  const Map grey = grey_map(frame.image);
-  Features features = detect_features(grey, frame.depth, options.depth_noise, options.detector);
-  if (features.size() < 2 * options.min_inliers) return false;
+  std::optional<Features> features = features_of(frame);
+  if (!features) return false;
   Keyframe& k = keyframes.add(frame.time, T_WC);
-  k.sharpness = sharpness(grey);
+  k.sharpness = sharpness(grey_map(frame.image));
   k.turn = turned ? Eigen::Vector3d(turned->turn - rate * options.readout) : Eigen::Vector3d::Zero();
   k.origin = origin;
-  k.measured = features.inverse_depth;
-  k.sigma = features.inverse_depth_sigma;
+  k.features = std::move(*features);
+  k.measured = k.features.inverse_depth;
+  k.sigma = k.features.inverse_depth_sigma;
   k.sigma.resize(k.measured.size());
-  k.features = std::move(features);
   k.pixels.keep(frame);
   k.pixels.depth.clear();  // its features have what is needed
   set_reference(k);
@@ -102,6 +108,28 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   result.T_CK = {};
   result.T_WC = k.T_WC;
   return true;
+}
+
+void Tracker::Impl::lose() {
+  lost = true;
+  velocity.reset();
+  turned.reset();
+  rate.setZero();
+}
+
+void Tracker::Impl::begin(const TrackFrame& frame, TrackResult& result) {
+  if (!make_keyframe(frame, {}, {}, result)) {
+    result.reason = "no frame with depth and texture yet";
+    return;
+  }
+  result.reason = map == 0 ? "the first keyframe" : "a new map: the last one lost the camera for longer than it had it";
+  result.confirmed = true;
+  lost = false;
+  frames_tracked = 1;
+  frames_lost = 0;
+  last = Last{frame.time, result.T_WC};
+  previous.keep(frame);
+  previous_origin.reset();
 }
 
 Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options) {
@@ -136,15 +164,9 @@ TrackResult Tracker::track(const TrackFrame& given) {
   m.last_time = frame.time;
   TrackResult result;
   result.time = frame.time;
+  result.map = m.map;
   if (m.keyframes.empty()) {
-    if (!m.make_keyframe(frame, {}, {}, result)) {
-      result.reason = "no frame with depth and texture yet";
-      return result;
-    }
-    result.reason = "the first keyframe";
-    result.confirmed = true;
-    m.last = Impl::Last{frame.time, result.T_WC};
-    m.previous.keep(frame);
+    m.begin(frame, result);
     return result;
   }
   const auto start = Clock::now();
@@ -153,13 +175,15 @@ TrackResult Tracker::track(const TrackFrame& given) {
   if (found && m.rolls() && !m.lost) frame = m.unroll_again(given, frame, *found);
   result.align_ms = milliseconds_since(start);
   if (!found) {
-    m.lost = true;
-    m.velocity.reset();
-    m.turned.reset();
-    m.rate.setZero();
     result.T_WC = m.last->T_WC;
     result.reason =
         "not found from where it was expected, nor by a search among " + std::to_string(m.keyframes.size()) + " keyframes";
+    m.lose();
+    if (++m.frames_lost > m.frames_tracked && m.features_of(frame)) {
+      m.keyframes.forget();
+      result.map = ++m.map;
+      m.begin(frame, result);
+    }
     return result;
   }
   const RefinedAlignment& a = found->alignment;
@@ -192,6 +216,8 @@ TrackResult Tracker::track(const TrackFrame& given) {
     m.velocity_seconds = frame.time - m.last->time;
   }
   m.lost = false;
+  ++m.frames_tracked;
+  m.frames_lost = 0;
   m.last = Impl::Last{frame.time, result.T_WC};
   m.previous.keep(frame);
   m.previous_origin = origin;

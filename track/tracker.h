@@ -57,6 +57,7 @@ struct TrackResult {
   TrackStatus status = TrackStatus::lost;
   bool confirmed = false;  ///< by the features: the pose is the refinement's. Else it is the alignment's alone, and weaker
   std::string reason;      ///< the alignment's, or why there is none
+  int map = 0;             ///< poses of different maps have nothing to do with each other
   int keyframe = 0;        ///< it was aligned with; of a keyframe, itself
   SE3 T_CK;                ///< camera of that keyframe to this one's: stays, while the keyframe's pose may still be adjusted
   SE3 T_WC;                ///< this camera to the map, as it is known now; of a lost frame, the last one that was known
@@ -73,8 +74,9 @@ struct TrackResult {
 /// to all that was seen (adjust()). The first frame with depth and texture is the map's origin.
 ///
 /// A frame whose alignment does not converge is lost, never guessed; it and those that follow are looked for among the
-/// keyframes, some at each frame. Memory is bounded by TrackerOptions::keyframes, but for one pose a keyframe that ever was.
-/// One thread at a time.
+/// keyframes, some at each frame. A map that misses the camera for longer than it had it, as one that began with a blurred
+/// frame does, is given up for a new one. Memory is bounded by TrackerOptions::keyframes, but for one pose a keyframe that ever
+/// was. One thread at a time.
 class Tracker {
  public:
   /// What the aligner of a tracker has to be made for. Its options need a start search (AlignerOptions::search), without which

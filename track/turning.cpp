@@ -50,7 +50,8 @@ TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame
     const auto seen = seen_turn(found, std::abs(options.readout) * kRateSigma);
     if (!seen && round > 0) break;
     const Eigen::Vector3d now = seen ? Eigen::Vector3d(rate + seen->turn / options.readout) : rate_at(frame.time, T_WC);
-    const double bend = (now - rate).norm() * std::abs(options.readout) / 2 * std::max(std::abs(camera.fx), std::abs(camera.fy));
+    const double bend =
+        (now - rate).norm() * std::abs(options.readout) / 2 * std::max(std::abs(camera.fx), std::abs(camera.fy));
     if (bend < kBend) break;
     const TrackFrame again = unrolled(given, now);
     RefinedAlignment a = refiner.align(pair_with(found.keyframe, again, T_WC, false));
@@ -76,8 +77,7 @@ void Tracker::Impl::learn_readout(const Found& found, double time, const SE3& T_
   if (!rolls()) rate.setZero();
   const auto seen = found.confirmed ? seen_turn(found, kTurnSigma) : std::nullopt;
   if (seen)
-    turned = Turned{time, last->time, last->T_WC, seen->turn + rate * options.readout,
-                    std::sqrt(seen->covariance.trace() / 3)};
+    turned = Turned{time, last->time, last->T_WC, seen->turn + rate * options.readout, std::sqrt(seen->covariance.trace() / 3)};
 }
 
 }  // namespace iclk

@@ -44,7 +44,7 @@ void Tracker::Impl::connect(Keyframe& k) {
 
 void Tracker::Impl::adjust_window() {
   // The newest are free; what they are connected with holds them.
-  const int first_free = std::max(1, keyframes.count() - options.window);
+  const int first_free = std::max(keyframes.all().begin()->first + 1, keyframes.count() - options.window);
   std::map<int, bool> part;
   for (const auto& [id, k] : keyframes.all()) {
     if (id >= first_free) part[id] = true;

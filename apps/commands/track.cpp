@@ -6,6 +6,7 @@
 #include "apps/bench/measure.h"
 #include "apps/commands/command.h"
 #include "apps/io/depth_sigma.h"
+#include "apps/io/text.h"
 #include "apps/session/session.h"
 #include "apps/track/peers.h"
 #include "apps/track/run.h"
@@ -16,13 +17,16 @@ namespace {
 struct TrackCommand {
   TrackRunOptions run;
   bool peers = false;
-  std::string camera, distortion, solver = "device", depth_sigma = "structured-light";
+  std::string camera, distortion, solver = "device", readout = "0", depth_sigma = "structured-light";
 };
 
 const char* const kFooter =
-    "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or depths\n"
-    "whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. With groundtruth.txt\n"
-    "the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT beside it. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
+    "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or "
+    "depths\n"
+    "whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. With "
+    "groundtruth.txt\n"
+    "the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT beside it. Poses are "
+    "T_WC, camera to world; the first keyframe's camera is the world.\n"
     "\n"
     "Written to --out: live.txt (TUM trajectory as each frame was answered) and frames.jsonl (status, covariance, times) grow\n"
     "with every frame; trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by "
@@ -32,6 +36,7 @@ const char* const kFooter =
     "Examples:\n"
     "  iclk track recording --out tracked\n"
     "  iclk track recording --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633 --out tracked\n"
+    "  iclk track recording --readout auto --out tracked            # a phone's, a Kinect's: rows are read one by one\n"
     "  iclk track recording --model sd6dof-small --stride 2\n"
     "\n";
 
@@ -42,18 +47,26 @@ void run_track(const TrackCommand& command) {
   options.solver = parse_solver(command.solver);
   const DepthSigma sigma = parse_depth_sigma(command.depth_sigma);
   options.tracker.depth_noise = {sigma.constant, sigma.relative};
+  if (command.readout != "auto") {
+    const auto ms = to_number(command.readout);
+    if (!ms) throw Error(ErrorCode::invalid_argument, "--readout " + command.readout + ": a number of ms or auto expected");
+    options.tracker.readout = *ms / 1000;
+  }
   options.tracker.check();
   RecordedFrames frames(options.frames);
   if (sigma.disparity > 0) options.tracker.depth_noise.constant += sigma.disparity / std::abs(frames.camera().fx);
   ProgressBar bar;
-  const auto start = std::chrono::steady_clock::now();
-  const TrackReport report = track_sequence(options, frames, [&](int done, int total, int lost) {
+  auto start = std::chrono::steady_clock::now();
+  const auto progress = [&](int done, int total, int lost) {
+    if (done == 1) start = std::chrono::steady_clock::now();
     bar.show({.total = total,
               .before = 0,
               .done = done,
               .failed = lost,
               .seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
-  });
+  };
+  if (command.readout == "auto") options.tracker.readout = find_readout(options, frames, progress);
+  const TrackReport report = track_sequence(options, frames, progress);
   bar.clear();
   if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan here: running on {}", report.device);
   print(to_text(report));
@@ -61,7 +74,8 @@ void run_track(const TrackCommand& command) {
     print("written    trajectory.txt, trajectory_kitti.txt, live.txt, keyframes.txt, frames.jsonl, map.ply, path.png in " +
           options.out + "\n");
   if (!command.peers) return;
-  if (!report.live) throw Error(ErrorCode::invalid_argument, "--peers needs a truth: groundtruth.txt in " + options.frames.folder);
+  if (!report.live)
+    throw Error(ErrorCode::invalid_argument, "--peers needs a truth: groundtruth.txt in " + options.frames.folder);
   const Progress peers_progress = terminal_progress();
   const auto peers = chain_peers(frames, [&](int done, int total) { peers_progress("peers", done, total); });
   print(to_text(peers));
@@ -75,10 +89,7 @@ void add_track(CLI::App& app) {
   TrackRunOptions& run = options->run;
   FramesOptions& frames = run.frames;
   TrackerOptions& tracker = run.tracker;
-  command->add_option("FOLDER", frames.folder, "Recording: images with depth")
-      ->required()
-      ->check(not_empty)
-      ->type_name("DIR");
+  command->add_option("FOLDER", frames.folder, "Recording: images with depth")->required()->check(not_empty)->type_name("DIR");
   command->option_defaults()->group("Input");
   command->add_option("--camera", options->camera, "fx,fy,cx,cy[,width,height] or a file, as of align; default: FOLDER's");
   command->add_option("--distortion", options->distortion,
@@ -89,8 +100,12 @@ void add_track(CLI::App& app) {
                    "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%")
       ->capture_default_str();
   command->add_option("--first", frames.first, "Frame to begin with")->capture_default_str()->check(CLI::NonNegativeNumber);
-  command->add_option("--frames", frames.count, "Frames, at most; 0: all")->capture_default_str()->check(CLI::NonNegativeNumber);
-  command->add_option("--stride", frames.stride, "Take every so many frames")->capture_default_str()->check(CLI::PositiveNumber);
+  command->add_option("--frames", frames.count, "Frames, at most; 0: all")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--stride", frames.stride, "Take every so many frames")
+      ->capture_default_str()
+      ->check(CLI::PositiveNumber);
   command->add_option("--rate", frames.rate, "Frames a second, where neither lists nor names of files hold times")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
@@ -101,8 +116,9 @@ void add_track(CLI::App& app) {
   command
       ->add_option("--min-visible", tracker.min_visible, "A frame that sees less of its keyframe's features becomes a keyframe")
       ->capture_default_str();
-  command->add_option("--readout", tracker.readout,
-                      "Rolling shutter: s from an image's first row to its last; 0: all at once. The report says what to try")
+  command
+      ->add_option("--readout", options->readout,
+                   "Rolling shutter: ms from an image's first row to its last; 0: all at once; auto: found by the first frames")
       ->capture_default_str();
   command->add_option("--model", run.model, "classical, the name of a model, or a file")->capture_default_str();
   command->add_option("--solver", options->solver, "device, host or cpu")->capture_default_str();

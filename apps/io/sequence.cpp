@@ -133,8 +133,10 @@ void list_folders(const fs::path& root, double rate, Sequence& sequence) {
     const std::string stem = files[i].stem().string();
     const auto depth = depth_of.find(stem);
     any_depth = any_depth || depth != depth_of.end();
-    sequence.frames.push_back({timed ? *time_of(stem) : static_cast<double>(i) / rate, files[i].string(),
-                               depth == depth_of.end() ? "" : depth->second, {}});
+    sequence.frames.push_back({timed ? *time_of(stem) : static_cast<double>(i) / rate,
+                               files[i].string(),
+                               depth == depth_of.end() ? "" : depth->second,
+                               {}});
   }
   if (!any_depth)
     throw Error(ErrorCode::invalid_argument, "no file of " + depths->string() + " is named as one of " + images->string() +

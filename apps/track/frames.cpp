@@ -8,7 +8,8 @@
 
 namespace iclk {
 
-RecordedFrames::RecordedFrames(const FramesOptions& options) : sequence_(load_sequence(options.folder, {.rate = options.rate})) {
+RecordedFrames::RecordedFrames(const FramesOptions& options)
+    : sequence_(load_sequence(options.folder, {.rate = options.rate})) {
   if (!options.camera && !sequence_.camera) throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
   const CameraFile file = options.camera ? *options.camera : *sequence_.camera;
   scale_ = options.depth_scale > 0 ? options.depth_scale : file.depth_scale;

@@ -42,6 +42,7 @@ std::string frame_json(const TrackResult& r) {
   line["status"] = name(r.status);
   line["confirmed"] = r.confirmed;
   line["reason"] = r.reason;
+  line["map"] = r.map;
   if (r.status != TrackStatus::lost) {
     line["keyframe"] = r.keyframe;
     line["T_WC"] = tum_line(r.T_WC);

@@ -11,8 +11,8 @@ namespace iclk {
 /// Odometry of another method, from each frame to the next.
 struct TrackPeer {
   std::string method;
-  int failed = 0;     ///< pairs without a claim: the camera is taken to have stood still
-  double ms = 0;      ///< median of a pair, images in memory, features given
+  int failed = 0;  ///< pairs without a claim: the camera is taken to have stood still
+  double ms = 0;   ///< median of a pair, images in memory, features given
   TrackErrors errors;
 };
 

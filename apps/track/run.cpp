@@ -1,9 +1,11 @@
 #include "apps/track/run.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
+#include <map>
 
 #include <fmt/format.h>
 
@@ -21,6 +23,10 @@ namespace iclk {
 namespace {
 
 constexpr int kRelativeFrames = 30;
+constexpr int kReadoutFrames = 150, kReadoutRounds = 5;
+/// s: readouts are the same to so much, and so little is none.
+constexpr double kSameReadout = 1e-3, kLeastReadout = 2e-3;
+constexpr double kReadoutSigmas = 3;
 
 /// A file that grows line by line.
 class Growing {
@@ -62,7 +68,39 @@ void write_results(const TrackRunOptions& options, const Tracker& tracker, const
   write("path.png", path_png(frames, poses, report.adjusted ? &*report.adjusted : nullptr));
 }
 
+/// The frames of other maps count as lost from here on. Their number.
+int keep_largest_map(std::vector<TrackedFrame>& frames) {
+  std::map<int, int> sizes;
+  for (const TrackedFrame& f : frames) sizes[f.result.map] += f.result.status != TrackStatus::lost;
+  const auto largest =
+      std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  int others = 0;
+  for (TrackedFrame& f : frames)
+    if (f.result.status != TrackStatus::lost && f.result.map != largest->first) {
+      f.result.status = TrackStatus::lost;
+      ++others;
+    }
+  return others;
+}
+
 }  // namespace
+
+double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
+                    const std::function<void(int, int, int)>& progress) {
+  TrackRunOptions trial = options;
+  trial.out.clear();
+  trial.most = kReadoutFrames;
+  trial.tracker.readout = 0;
+  for (int round = 0; round < kReadoutRounds; ++round) {
+    const TrackReport report = track_sequence(trial, frames, progress);
+    const double found = report.readout;
+    if (!(report.readout_sigma * kReadoutSigmas < std::abs(found)) || std::abs(found) < kLeastReadout) return 0;
+    const bool same = std::abs(found - trial.tracker.readout) < std::max(kSameReadout, report.readout_sigma);
+    trial.tracker.readout = found;
+    if (same) break;
+  }
+  return trial.tracker.readout;
+}
 
 TrackErrors track_errors(std::span<const PosePair> poses) {
   return {absolute_error(poses), relative_error(poses, kRelativeFrames), way_length(poses), static_cast<int>(poses.size())};
@@ -93,7 +131,8 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   Growing live(options.out, "live.txt"), lines(options.out, "frames.jsonl");
   live.add("# timestamp tx ty tz qx qy qz qw (camera to world)\n");
   std::vector<TrackedFrame> tracked;
-  for (int i = 0; i < frames.size(); ++i) {
+  const int count = options.most > 0 ? std::min(options.most, frames.size()) : frames.size();
+  for (int i = 0; i < count; ++i) {
     const auto& pixels = frames.read(i);
     if (!pixels.problem.empty() && report.unreadable++ == 0) report.first_problem = pixels.problem;
     TrackedFrame t{{}, {}, frames.truth(i)};
@@ -115,14 +154,16 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
     lines.add(frame_json(r));
     if (r.status != TrackStatus::lost) live.add(fmt::format("{:.6f} {}\n", r.time, tum_line(r.T_WC)));
     tracked.push_back(std::move(t));
-    progress(i + 1, frames.size(), report.lost);
+    progress(i + 1, count, report.lost);
   }
-  report.frames = frames.size();
+  report.frames = count;
   report.doubled = frames.doubled();
   report.keyframes = tracker.keyframe_count();
+  report.readout_used = how.readout;
   report.readout = tracker.readout().seconds();
   report.readout_sigma = tracker.readout().sigma();
   std::vector<PosePair> live_pairs, adjusted_pairs;
+  report.elsewhere = keep_largest_map(tracked);
   for (TrackedFrame& t : tracked) {
     if (t.result.status == TrackStatus::lost) continue;
     t.T_WC = tracker.keyframe_pose(t.result.keyframe) * t.result.T_CK.inverse();
@@ -147,8 +188,12 @@ std::string to_text(const TrackReport& r) {
   if (r.doubled > 0) text += fmt::format("left out   {} frames as late as the one before\n", r.doubled);
   text += fmt::format("speed      {:.1f} frames/s on {}: alignment {:.1f} ms a frame, new keyframes {:.1f}, bundles {:.1f}\n",
                       r.frames / r.seconds, r.device, r.align_ms / r.frames, r.keyframe_ms / r.frames, r.bundle_ms / r.frames);
-  if (std::isfinite(r.readout_sigma))
-    text += fmt::format("shutter    rows are read in {:.1f} +- {:.1f} ms, by the features\n", 1000 * r.readout, 1000 * r.readout_sigma);
+  if (r.elsewhere > 0) text += fmt::format("maps       {} more frames were tracked in other maps\n", r.elsewhere);
+  if (r.readout_used != 0) text += fmt::format("shutter    rows taken as read in {:.1f} ms\n", 1000 * r.readout_used);
+  const double off = std::abs(r.readout - r.readout_used);
+  if (off > kLeastReadout && off > kReadoutSigmas * r.readout_sigma)
+    text += fmt::format("           features say {:.1f} +- {:.1f} ms; --readout auto finds it\n", 1000 * r.readout,
+                        1000 * r.readout_sigma);
   if (!r.live) return text + "truth      none\n";
   for (const auto& [name, e] : {std::pair("live", *r.live), std::pair("adjusted", *r.adjusted)})
     text += fmt::format("{:<10} {}\n", name, to_text(e));
@@ -156,9 +201,9 @@ std::string to_text(const TrackReport& r) {
 }
 
 std::string to_text(const TrackErrors& e) {
-  std::string text = fmt::format("ATE {:.2f} cm (median {:.2f}, max {:.2f}), {:.2f} % of {:.2f} m", 100 * e.absolute.rmse,
-                                 100 * e.absolute.median, 100 * e.absolute.max,
-                                 100 * e.absolute.rmse / std::max(e.way, 1e-9), e.way);
+  std::string text =
+      fmt::format("ATE {:.2f} cm (median {:.2f}, max {:.2f}), {:.2f} % of {:.2f} m", 100 * e.absolute.rmse,
+                  100 * e.absolute.median, 100 * e.absolute.max, 100 * e.absolute.rmse / std::max(e.way, 1e-9), e.way);
   if (e.relative.count > 0)
     text += fmt::format("; RPE over {} frames {:.2f} cm, {:.2f} deg", kRelativeFrames, 100 * e.relative.translation,
                         e.relative.rotation * 180 / M_PI);

@@ -17,7 +17,8 @@ struct TrackRunOptions {
   std::string device;
   std::string model = "classical";  ///< or a name or file of a model
   TrackerOptions tracker;
-  std::string out;     ///< folder; empty: nothing is written
+  int most = 0;     ///< frames, at most; 0: all
+  std::string out;  ///< folder; empty: nothing is written
 };
 
 /// Errors against the recording's truth, of the frames that have one and were not lost.
@@ -33,8 +34,10 @@ struct TrackReport {
   std::string device;
   bool cpu_unasked = false;
   int frames = 0, lost = 0, unconfirmed = 0, keyframes = 0, without_depth = 0;
+  int elsewhere = 0;                                    ///< tracked, but in another map than the one that has most frames
   int doubled = 0, unreadable = 0;                      ///< frames left out; frames or depths that cannot be read
-  double readout = 0, readout_sigma = 0;                ///< s: what features say of the shutter (ReadoutEstimate), in all
+  double readout_used = 0;                              ///< s: TrackerOptions::readout
+  double readout = 0, readout_sigma = 0;                ///< s: what the features say of it (ReadoutEstimate)
   std::string first_problem;                            ///< of those
   double seconds = 0;                                   ///< in Tracker::track()
   double align_ms = 0, keyframe_ms = 0, bundle_ms = 0;  ///< sums
@@ -46,6 +49,10 @@ struct TrackReport {
 /// at all. A frame that cannot be read is lost, and said. `progress`: frames done, of how many, lost so far.
 TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frames,
                            const std::function<void(int, int, int)>& progress);
+
+/// TrackerOptions::readout by the recording's first frames, which are tracked until what is used and what the features say are
+/// the same; 0 where nothing speaks for a rolling shutter. `progress` as above, once a round.
+double find_readout(const TrackRunOptions& options, RecordedFrames& frames, const std::function<void(int, int, int)>& progress);
 
 /// The report as lines of text; errors as half a line.
 std::string to_text(const TrackReport& report);

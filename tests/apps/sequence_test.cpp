@@ -1,4 +1,5 @@
 #include "apps/io/sequence.h"
+#include <filesystem>
 
 #include "files.h"
 
@@ -43,6 +44,40 @@ TEST(Sequence, TruthAndCameraAreOptional) {
   const auto pairs = make_pairs(s, 1);
   ASSERT_EQ(pairs.size(), 1u);
   EXPECT_FALSE(pairs[0].T_10);
+}
+
+TEST(Sequence, FoldersOfFilesWithTheSameNames) {
+  const Folder folder;
+  for (const char* name : {"color/f2.jpg", "color/f10.jpg", "color/f1.jpg", "color/.hidden", "depth/f10.png", "depth/f1.png"}) {
+    std::filesystem::create_directories(std::filesystem::path(folder.path(name)).parent_path());
+    folder.write(name, "x");
+  }
+  const Sequence s = load_sequence(folder.path(""), {.rate = 10});
+  ASSERT_EQ(s.frames.size(), 3u);  // as a person counts
+  EXPECT_EQ(s.frames[1].image, folder.path("color/f2.jpg"));
+  EXPECT_TRUE(s.frames[1].depth.empty());
+  EXPECT_EQ(s.frames[2].depth, folder.path("depth/f10.png"));
+  EXPECT_DOUBLE_EQ(s.frames[2].stamp, 0.2);
+
+  const Folder timed;
+  for (const char* name : {"rgb/1305031229.5.png", "rgb/1305031228.25.png", "depth/1305031229.5.png"}) {
+    std::filesystem::create_directories(std::filesystem::path(timed.path(name)).parent_path());
+    timed.write(name, "x");
+  }
+  const Sequence t = load_sequence(timed.path(""));
+  EXPECT_DOUBLE_EQ(t.frames[0].stamp, 1305031228.25);
+  EXPECT_FALSE(t.frames[1].depth.empty());
+
+  const Folder bare;
+  std::filesystem::create_directories(bare.path("rgb"));
+  expect_error([&] { load_sequence(bare.path("")); }, ErrorCode::io, {"rgb.txt", "depth"});
+  std::filesystem::create_directories(bare.path("depth"));
+  expect_error([&] { load_sequence(bare.path("")); }, ErrorCode::invalid_argument, {"rgb", "no image"});
+  bare.write("rgb/1403636579763555584.png", "x");
+  bare.write("depth/other.png", "x");
+  expect_error([&] { load_sequence(bare.path("")); }, ErrorCode::invalid_argument, {"1403636579763555584"});
+  bare.write("depth/1403636579763555584.tiff", "x");
+  EXPECT_NEAR(load_sequence(bare.path("")).frames[0].stamp, 1403636579.763555584, 1e-6);
 }
 
 TEST(Sequence, BrokenListsAreNamed) {

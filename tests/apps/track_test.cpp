@@ -46,14 +46,27 @@ TEST(Track, RenderedRoomsWithinHalfAPercentOfTheWay) {
   EXPECT_EQ(count, 60);
 }
 
-TEST(Track, AHandHeldCameraWithin4Centimetres) {
+TEST(Track, AHandHeldCameraWithItsShutterWithin2AndAHalfCentimetres) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tum_fr1_rpy_300");
   if (data.empty()) GTEST_SKIP() << "no tum_fr1_rpy_300 in ICLK_DATA or ../shared/data";
-  const Finished f = run({"track", data, "--distortion", "radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633"});
+  const Finished f = run({"track", data, "--distortion", "radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "--readout", "auto"});
   ASSERT_EQ(f.code, 0) << f.err;
-  EXPECT_LT(number_after(f.out, "adjusted", "ATE "), 4) << f.out;
+  EXPECT_LT(number_after(f.out, "adjusted", "ATE "), 2.5) << f.out;
+  EXPECT_LT(number_after(f.out, "adjusted", "30 frames "), 3) << f.out;
+  EXPECT_NEAR(number_after(f.out, "shutter", "read in "), 28, 5) << f.out;
   EXPECT_LT(number_after(f.out, "of them not confirmed by features, ", "features, "), 15) << f.out;
+}
+
+TEST(Track, OthersFromFrameToFrame) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  const Finished f = run({"track", data, "--depth-sigma", "rendered", "--frames", "12", "--peers"});
+  ASSERT_EQ(f.code, 0) << f.err;
+  for (const char* method : {"RgbdOdometry", "KLT + PnP", "SIFT + PnP"})
+    EXPECT_LT(number_after(f.out, method, "ATE "), 50) << method << f.out;
+  EXPECT_LT(number_after(f.out, "adjusted", "ATE "), number_after(f.out, "KLT + PnP", "ATE ")) << f.out;
 }
 
 TEST(Track, BadInputIsSaid) {
@@ -78,6 +91,15 @@ TEST(Track, BadInputIsSaid) {
   EXPECT_EQ(flat.code, 0) << flat.err;
   EXPECT_NE(flat.out.find("1 lost"), std::string::npos) << flat.out;
   EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--first", "5"}).code, 3);
+  EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--readout", "soon"}).code, 3);
+  // Doubled, unordered, truncated and missing files are survived, and said.
+  folder.write("one/rgb.txt", "2.0 none.png\n1.0 a.png\n1.0 a.png\n3.0 cut.png\n4.0 a.png\n");
+  folder.write("one/cut.png", bytes_of(one + "/a.png").substr(0, 60));
+  const Finished broken = run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000"});
+  EXPECT_EQ(broken.code, 0) << broken.err;
+  EXPECT_NE(broken.out.find("unreadable 2, the first: "), std::string::npos) << broken.out;
+  EXPECT_NE(broken.out.find("none.png"), std::string::npos) << broken.out;
+  EXPECT_NE(broken.out.find("left out   1"), std::string::npos) << broken.out;
   EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--window", "0"}).code, 3);
 }
 

@@ -148,6 +148,32 @@ TEST(Tracker, ALensCapIsLostAndThenFoundAgain) {
   EXPECT_NE(t.track(10).status, TrackStatus::lost);
 }
 
+TEST(Tracker, AMapThatBeganBadlyIsGivenUp) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  // The first frame is of another place, seen once.
+  View noise = Flight::get().views[0];
+  uint32_t state = 1;
+  for (uint32_t& p : noise.rgba) p = 0xff000000u | ((state = state * 1664525u + 1013904223u) >> 8);
+  EXPECT_EQ(t.track({0, noise.image(), noise.depth_image(), {}}).status, TrackStatus::keyframe);
+  EXPECT_EQ(t.track(1).status, TrackStatus::lost);
+  // Black frames are no place to begin anew.
+  const std::vector<uint32_t> black(320 * 240, 0xff000000u);
+  TrackFrame covered = Flight::get().frame(2);
+  covered.image.data = black.data();
+  EXPECT_EQ(t.track(covered).map, 0);
+  const TrackResult anew = t.track(3);
+  EXPECT_EQ(anew.status, TrackStatus::keyframe);
+  EXPECT_EQ(anew.map, 1);
+  EXPECT_NE(anew.reason.find("new map"), std::string::npos);
+  for (int i = 4; i < 9; ++i) {
+    const TrackResult r = t.track(i);
+    ASSERT_NE(r.status, TrackStatus::lost) << r.reason;
+    EXPECT_EQ(r.map, 1);
+    EXPECT_LT(t.error(r, i, 3), 0.3) << i;
+  }
+}
+
 TEST(Tracker, AJumpIsFoundOrSaidToBeLost) {
   ICLK_NEED_DEVICE();
   Tracking t;

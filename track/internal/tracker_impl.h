@@ -43,6 +43,9 @@ struct Tracker::Impl {
   void learn_readout(const Found& found, double time, const SE3& T_WC);
 
   // tracker.cpp
+  std::optional<Features> features_of(const TrackFrame& frame) const;
+  void begin(const TrackFrame& frame, TrackResult& result);
+  void lose();
   bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
                      TrackResult& result);
   void set_reference(const Keyframe& k);
@@ -74,8 +77,10 @@ struct Tracker::Impl {
   FramePixels flat;  ///< the frame at hand, unrolled
   ReadoutEstimate readout;
   bool lost = false;
-  int next_tried = 0;               ///< where relocalise() goes on among the keyframes
-  std::optional<double> last_time;  ///< of any frame
+  int map = 0;
+  int64_t frames_tracked = 0, frames_lost = 0;  ///< of this map: in all; since it had the camera last
+  int next_tried = 0;                           ///< where relocalise() goes on among the keyframes
+  std::optional<double> last_time;              ///< of any frame
 };
 
 }  // namespace iclk

@@ -1,0 +1,224 @@
+// Rolling shutters: images of a turning camera in closed form, and a flight whose frames are put together from strips.
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include <gtest/gtest.h>
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+
+#include <iclk/align/device_aligner.h>
+#include <iclk/track/rolling_shutter.h>
+#include <iclk/track/tracker.h>
+
+#include "apps/render/procedural.h"
+#include "apps/render/renderer.h"
+
+#include "device.h"
+
+namespace iclk::test {
+namespace {
+
+Eigen::Matrix3d rotation(const Eigen::Vector3d& phi) {
+  return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
+}
+
+/// A world on a sphere of 5 m about the camera.
+struct Sphere {
+  Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  std::vector<float> image, depth;
+
+  explicit Sphere(const Eigen::Vector3d& turn) : image(320 * 240), depth(image.size()) {
+    for (int v = 0; v < 240; ++v)
+      for (int u = 0; u < 320; ++u) {
+        const Eigen::Vector3d ray = camera.ray({u, v}), X = rotation(turn * row_time(camera, v)) * ray;
+        const size_t at = static_cast<size_t>(v * 320 + u);
+        image[at] = static_cast<float>(0.5 + 0.2 * std::sin(25 * X.x() / X.z()) + 0.2 * std::cos(31 * X.y() / X.z()));
+        depth[at] = static_cast<float>(5 / ray.norm());
+      }
+  }
+  TrackFrame frame() const {
+    return {1.5, {image.data(), 320, 240, 0, PixelFormat::r32f}, {depth.data(), 320, 240, 0, PixelFormat::r32f}, {}};
+  }
+};
+
+TEST(RollingShutter, ImageAndDepthAreAsOfACameraThatStandsStill) {
+  const Eigen::Vector3d turn(0.05, -0.04, 0.06);
+  const Sphere still(Eigen::Vector3d::Zero()), rolling(turn);
+  FramePixels out;
+  unroll(rolling.frame(), rolling.camera, turn, out);
+  EXPECT_EQ(out.time, 1.5);
+  ASSERT_EQ(out.format, PixelFormat::r32f);
+  const auto* image = reinterpret_cast<const float*>(out.image.data());
+  double before = 0, after = 0, mean = 0;
+  int masked = 0;
+  for (size_t i = 0; i < still.image.size(); ++i) {
+    masked += out.mask[i] == 0;
+    if (out.mask[i] == 0) continue;
+    before = std::max<double>(before, std::abs(rolling.image[i] - still.image[i]));
+    after = std::max<double>(after, std::abs(image[i] - still.image[i]));
+    mean += std::abs(image[i] - still.image[i]) / static_cast<double>(still.image.size());
+    EXPECT_NEAR(out.depth[i], still.depth[i], 0.006) << i;  // half a pixel's, where the sphere is steepest
+  }
+  EXPECT_GT(before, 0.2);
+  EXPECT_LT(after, 0.011);  // half a pixel beyond the border
+  EXPECT_LT(mean, 3e-4);
+  EXPECT_GT(masked, 100);  // what no row saw
+  EXPECT_LT(masked, 8000);
+
+  // Bytes are rounded, a mask moves along, and a camera that stands still changes nothing.
+  std::vector<uint8_t> bytes(still.image.size()), mask(bytes.size(), 255);
+  for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<uint8_t>(255 * still.image[i]);
+  mask[0] = 0;
+  unroll({0, {bytes.data(), 320, 240, 0, PixelFormat::r8}, {}, {mask.data(), 320, 240, 0, PixelFormat::r8}}, still.camera,
+         Eigen::Vector3d::Zero(), out);
+  EXPECT_EQ(out.image, bytes);
+  EXPECT_EQ(out.mask, mask);
+  EXPECT_TRUE(out.depth.empty());
+}
+
+/// Features of a keyframe that turned by turn_0 while its rows were read, in a frame that turned by turn_1.
+std::vector<RollingSighting> sightings_of(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
+                                          const Eigen::Vector3d& turn_1, double noise, std::mt19937_64& random) {
+  std::uniform_real_distribution<double> u(20, 300), v(20, 220), q(0.1, 0.5);
+  std::normal_distribution<double> normal;
+  std::vector<RollingSighting> out;
+  while (out.size() < 80) {
+    RollingSighting s{{u(random), v(random)}, {}, q(random)};
+    const Eigen::Vector3d X = rotation(turn_0 * row_time(camera, s.uv0.y())) * camera.ray(s.uv0);
+    const Eigen::Vector3d p = T_10.R * X + s.inverse_depth * T_10.t;
+    s.uv1 = camera.project(p);
+    for (int i = 0; i < 20; ++i) s.uv1 = camera.project(rotation(-turn_1 * row_time(camera, s.uv1.y())) * p);
+    s.uv1 += noise * Eigen::Vector2d(normal(random), normal(random));
+    out.push_back(s);
+  }
+  return out;
+}
+
+TEST(RollingShutter, TurnsAreSeenInFeatures) {
+  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const SE3 T_10 = SE3::exp((Vector6d() << 0.1, -0.05, 0.2, 0.03, -0.02, 0.04).finished());
+  const Eigen::Vector3d turn_0(0.01, -0.02, 0.005), turn_1(-0.03, 0.02, 0.04);
+  // From a pose that is off, as it is where the bend was taken for motion.
+  const SE3 start = T_10 * SE3::exp((Vector6d() << 0.02, 0.01, -0.02, 0.004, -0.003, 0.005).finished());
+  const auto exact = sightings_of(camera, T_10, turn_0, turn_1, 0, random);
+  const auto found = estimate_turn(camera, start, turn_0, exact, 0.1, 1);
+  ASSERT_TRUE(found);
+  EXPECT_LT((found->turn - turn_1).norm(), 1e-5);
+  EXPECT_GT((estimate_turn(camera, start, Eigen::Vector3d::Zero(), exact, 0.1, 1)->turn - turn_1).norm(), 5e-3);
+
+  double nees = 0;
+  constexpr int kDraws = 100;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const auto noisy = sightings_of(camera, T_10, turn_0, turn_1, 0.3, random);
+    const auto one = estimate_turn(camera, start, turn_0, noisy, 0.3, 1);
+    ASSERT_TRUE(one);
+    const Eigen::Vector3d e = one->turn - turn_1;
+    nees += e.dot(one->covariance.llt().solve(e)) / kDraws;
+  }
+  EXPECT_NEAR(nees, 3, 1);
+
+  auto outliers = sightings_of(camera, T_10, turn_0, turn_1, 0.3, random);
+  for (size_t i = 0; i < 12; ++i) outliers[i].uv1 += Eigen::Vector2d(15, -20);
+  EXPECT_LT((estimate_turn(camera, start, turn_0, outliers, 0.3, 1)->turn - turn_1).norm(), 0.01);
+  // A prior that knows better holds it; too few features say nothing.
+  EXPECT_LT(estimate_turn(camera, start, turn_0, outliers, 0.3, 1e-6)->turn.norm(), 1e-3);
+  EXPECT_FALSE(estimate_turn(camera, start, turn_0, std::span(exact).first(14), 0.3, 1));
+}
+
+TEST(RollingShutter, ReadoutsAreVotedFor) {
+  ReadoutEstimate estimate;
+  EXPECT_EQ(estimate.seconds(), 0);
+  EXPECT_TRUE(std::isinf(estimate.sigma()));
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> normal;
+  for (int i = 0; i < 300; ++i) {
+    const Eigen::Vector3d rate = Eigen::Vector3d(normal(random), normal(random), normal(random));
+    Eigen::Vector3d turn = -0.02 * rate + 0.003 * Eigen::Vector3d(normal(random), normal(random), normal(random));
+    if (i % 5 == 0) turn = Eigen::Vector3d(0.5, 0, 0);  // nonsense
+    estimate.add(turn, 0.003, rate);
+    estimate.add(turn, 0.003, Eigen::Vector3d(1e-3, 0, 0));  // stands still: no vote
+    estimate.add(turn * NAN, 0.003, rate);
+  }
+  EXPECT_NEAR(estimate.seconds(), -0.02, 0.001);
+  EXPECT_GT(estimate.sigma(), 1e-5);
+  EXPECT_LT(estimate.sigma(), 1e-3);
+}
+
+/// A camera over terrain, shaken about all axes, whose rows are read in kReadout.
+struct ShakenFlight {
+  static constexpr int kFrames = 14, kStrip = 20;
+  static constexpr double kReadout = 0.05, kStep = 0.1;
+  Camera camera{280, 280, 159.5, 119.5, 320, 240};
+  std::vector<View> views;
+
+  static SE3 pose(double t) {
+    Eigen::Matrix3d down;
+    down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+    const Eigen::Vector3d phi(0.10 * std::sin(6 * t), 0.12 * std::sin(5 * t + 1), 0.15 * std::sin(4 * t));
+    return {down * rotation(phi), Eigen::Vector3d(100 + 12 * t, 110 + 8 * t, 150)};
+  }
+  ShakenFlight() {
+    const auto terrain = std::make_shared<const Terrain>(procedural_terrain({.seed = 3, .size = 256}));
+    TerrainRenderer renderer(device(), terrain);
+    for (int i = 0; i < kFrames; ++i) {
+      View view = renderer.render(camera, pose(kStep * i));
+      for (int v = 0; v < camera.height; v += kStrip) {
+        const double late = kReadout * row_time(camera, v + 0.5 * (kStrip - 1));
+        const View strip = renderer.render(camera, pose(kStep * i + late));
+        const auto from = v * camera.width, to = (v + kStrip) * camera.width;
+        std::copy(strip.rgba.begin() + from, strip.rgba.begin() + to, view.rgba.begin() + from);
+        std::copy(strip.depth.begin() + from, strip.depth.begin() + to, view.depth.begin() + from);
+      }
+      views.push_back(std::move(view));
+    }
+  }
+};
+
+struct Shaken {
+  double error = 0;  ///< m, worst
+  int confirmed = 0;
+  double readout = 0;
+};
+
+Shaken track_shaken(const ShakenFlight& flight, double readout) {
+  TrackerOptions options;
+  options.detector.count = 100;
+  options.depth_noise = {0, 0.001};
+  options.window = 4;
+  options.keyframes = 8;
+  options.readout = readout;
+  AlignerOptions how;
+  how.search.enabled = true;
+  const auto aligner = make_device_aligner(device(), Tracker::plan(flight.camera, options), how, Solver::device);
+  Tracker tracker(*aligner, flight.camera, options);
+  Shaken out;
+  for (int i = 0; i < ShakenFlight::kFrames; ++i) {
+    const View& view = flight.views[static_cast<size_t>(i)];
+    const TrackResult r = tracker.track({ShakenFlight::kStep * i, view.image(), view.depth_image(), {}});
+    out.confirmed += r.confirmed;
+    const SE3 truth = ShakenFlight::pose(0).inverse() * ShakenFlight::pose(ShakenFlight::kStep * i);
+    out.error = std::max(out.error, r.status == TrackStatus::lost ? 1000 : (r.T_WC.t - truth.t).norm());
+  }
+  out.readout = tracker.readout().seconds();
+  return out;
+}
+
+TEST(RollingShutter, AShakenCameraIsFollowedAndItsReadoutFound) {
+  ICLK_NEED_DEVICE();
+  const ShakenFlight flight;
+  const Shaken global = track_shaken(flight, 0), right = track_shaken(flight, ShakenFlight::kReadout);
+  RecordProperty("global", std::to_string(global.error));
+  RecordProperty("right", std::to_string(right.error));
+  EXPECT_LT(right.error, 0.5 * global.error) << global.error;
+  EXPECT_GE(right.confirmed, ShakenFlight::kFrames - 1);
+  EXPECT_NEAR(right.readout, ShakenFlight::kReadout, 0.1 * ShakenFlight::kReadout);
+  EXPECT_GT(global.readout, 0.3 * ShakenFlight::kReadout);
+  std::printf("[          ] %.2f m with the shutter, %.2f m without; readouts %.1f and %.1f ms\n", right.error, global.error,
+              1000 * right.readout, 1000 * global.readout);
+}
+
+}  // namespace
+}  // namespace iclk::test
