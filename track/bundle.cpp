@@ -1,5 +1,6 @@
 #include <iclk/track/bundle.h>
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 
@@ -115,8 +116,13 @@ BundleResult adjust(const Camera& camera, std::span<BundleFrame> frames, std::sp
   if (frames.empty()) return result;
   std::vector<internal::PoseBlock> poses;
   for (const BundleFrame& frame : frames) poses.push_back(internal::to_block(frame.T_WC));
-  std::vector<std::vector<double>> depths;
-  for (const BundleFrame& frame : frames) depths.push_back(frame.inverse_depth);
+  // Ceres orders what it eliminates by address: in one piece, so that the same bundle gives the same bits.
+  std::vector<double> depths;
+  std::vector<size_t> first_depth;
+  for (const BundleFrame& frame : frames) {
+    first_depth.push_back(depths.size());
+    depths.insert(depths.end(), frame.inverse_depth.begin(), frame.inverse_depth.end());
+  }
 
   ceres::Problem problem;
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
@@ -133,7 +139,7 @@ BundleResult adjust(const Camera& camera, std::span<BundleFrame> frames, std::sp
   };
   for (const BundleSighting& s : sightings) {
     const auto i = static_cast<size_t>(s.frame), j = static_cast<size_t>(s.seen_in), k = static_cast<size_t>(s.feature);
-    double& q = depths[i][k];
+    double& q = depths[first_depth[i] + k];
     if (frames[i].fixed && frames[j].fixed) continue;
     if (!(q > 0) || !seen(frames[i].T_WC, frames[j].T_WC, camera.ray(frames[i].uv[k]), q)) continue;
     add_pose(i);
@@ -181,7 +187,8 @@ BundleResult adjust(const Camera& camera, std::span<BundleFrame> frames, std::sp
     if (frames[i].fixed) continue;
     frames[i].T_WC = internal::to_pose(poses[i].data());
     frames[i].T_WC.orthonormalize();
-    frames[i].inverse_depth = depths[i];
+    std::copy_n(depths.begin() + static_cast<std::ptrdiff_t>(first_depth[i]), frames[i].inverse_depth.size(),
+                frames[i].inverse_depth.begin());
   }
   return result;
 }

@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <map>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include <iclk/align/aligner.h>
@@ -66,6 +67,11 @@ class Keyframes {
 
   /// A new one, in a free slot or in that of the one which leaves: the oldest.
   Keyframe& add(double time, const SE3& T_WC);
+  /// Those that another one held.
+  void restore(std::map<int, Keyframe> held, std::vector<SE3> poses) {
+    held_ = std::move(held);
+    poses_ = std::move(poses);
+  }
   /// Holds none any more; the poses stay.
   void forget() { held_.clear(); }
   bool empty() const { return held_.empty(); }

@@ -45,7 +45,12 @@ class ReadoutEstimate {
   /// `turn`: rad, in all, of standard deviation `sigma` an axis; `rate`: rad/s, of the same camera at that time.
   void add(const Eigen::Vector3d& turn, double sigma, const Eigen::Vector3d& rate);
   double seconds() const;  ///< weighted median of the frames
-  double sigma() const;    ///< s, from how the frames scatter; infinite for too few
+  /// Calls f(value...) with all that it knows, to be kept or set.
+  template <class F>
+  void archive(const F& f) {
+    f(votes_, weight_, weight2_);
+  }
+  double sigma() const;  ///< s, from how the frames scatter; infinite for too few
 
  private:
   double quantile(double share) const;

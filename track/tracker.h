@@ -1,6 +1,8 @@
 #pragma once
 #include <memory>
+#include <span>
 #include <string>
+#include <vector>
 
 #include <iclk/align/aligner.h>
 #include <iclk/refine/refiner.h>
@@ -95,11 +97,17 @@ class Tracker {
   int keyframe_count() const;              ///< that ever were
   const SE3& keyframe_pose(int id) const;  ///< T_WC, as it is known now
   const Keyframes& keyframes() const;
+  /// All that is known, some 0.5 MB a keyframe at 640x480; a tracker of the same aligner settings, camera and options goes on
+  /// from it as this one would, to the bit. restore() throws Error(invalid_argument) for what state() did not return, and
+  /// leaves the tracker as it was.
+  std::vector<uint8_t> state() const;
+  void restore(std::span<const uint8_t> state);
   /// What the features say of TrackerOptions::readout.
   const ReadoutEstimate& readout() const;
 
+  struct Impl;  ///< internal/tracker_impl.h
+
  private:
-  struct Impl;
   std::unique_ptr<Impl> impl_;
 };
 

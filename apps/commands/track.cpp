@@ -21,17 +21,15 @@ struct TrackCommand {
 };
 
 const char* const kFooter =
-    "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or "
-    "depths\n"
-    "whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. With "
-    "groundtruth.txt\n"
-    "the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT beside it. Poses are "
-    "T_WC, camera to world; the first keyframe's camera is the world.\n"
+    "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or\n"
+    "depths whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. With\n"
+    "groundtruth.txt the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT\n"
+    "beside it. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
     "\n"
-    "Written to --out: live.txt (TUM trajectory as each frame was answered) and frames.jsonl (status, covariance, times) grow\n"
-    "with every frame; trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by "
-    "the\n"
-    "keyframes' last poses. evo reads them: evo_ape tum groundtruth.txt trajectory.txt -a\n"
+    "Written to --out: live.txt (TUM trajectory as each frame was answered) and frames.jsonl (status, covariance, times)\n"
+    "grow with every frame, and a run that was stopped goes on when it is started again; trajectory.txt (TUM),\n"
+    "trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by the keyframes' last poses. evo reads\n"
+    "the trajectories: evo_ape tum groundtruth.txt trajectory.txt -a\n"
     "\n"
     "Examples:\n"
     "  iclk track recording --out tracked\n"
@@ -126,6 +124,7 @@ void add_track(CLI::App& app) {
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->option_defaults()->group("Output");
   command->add_option("--out", run.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
+  command->add_flag("--fresh", run.fresh, "Begin anew where a run was stopped, instead of going on");
   command->add_flag("--peers", options->peers, "Other methods from frame to frame, beside the truth");
   command->footer(std::string(kFooter) + kExitCodesHelp);
   command->callback([options] { run_track(*options); });

@@ -33,6 +33,7 @@ class RecordedFrames {
   int size() const { return static_cast<int>(chosen_.size()); }
   int doubled() const { return doubled_; }  ///< frames left out: as late as the one before
   const Camera& camera() const { return camera_; }
+  const Distortion& distortion() const { return distortion_; }
   bool masks() const { return !distortion_.empty(); }           ///< pixels that the lens did not see are masked
   const cv::Mat& seen() const { return undistorter_->seen(); }  ///< CV_8UC1, empty without masks()
   double time(int i) const { return frame(i).stamp; }

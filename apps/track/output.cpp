@@ -6,6 +6,8 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <iclk/engine/error.h>
+
 #include "apps/io/images.h"
 #include "apps/io/pose_text.h"
 #include "apps/pictures/plot.h"
@@ -54,6 +56,7 @@ std::string frame_json(const TrackResult& r) {
       covariance.push_back(row);
     }
     line["covariance"] = covariance;
+    line["features"] = r.features;
     line["visible"] = r.visible;
     line["inliers"] = r.inliers;
     line["sigma_px"] = r.sigma;
@@ -61,6 +64,35 @@ std::string frame_json(const TrackResult& r) {
   line["searched"] = r.searched;
   line["ms"] = {{"align", r.align_ms}, {"keyframe", r.keyframe_ms}, {"bundle", r.bundle_ms}};
   return line.dump() + "\n";
+}
+
+TrackResult parse_frame_json(std::string_view text) {
+  try {
+    const auto line = nlohmann::json::parse(text);
+    TrackResult r;
+    r.time = line.at("time");
+    const std::string status = line.at("status");
+    for (const TrackStatus s : {TrackStatus::tracked, TrackStatus::keyframe})
+      if (status == name(s)) r.status = s;
+    r.confirmed = line.at("confirmed");
+    r.reason = line.at("reason");
+    r.map = line.at("map");
+    r.searched = line.at("searched");
+    r.align_ms = line.at("ms").at("align");
+    r.keyframe_ms = line.at("ms").at("keyframe");
+    r.bundle_ms = line.at("ms").at("bundle");
+    if (r.status == TrackStatus::lost) return r;
+    r.keyframe = line.at("keyframe");
+    r.T_WC = parse_pose(line.at("T_WC").get<std::string>(), "T_WC");
+    r.T_CK = parse_pose(line.at("T_CK").get<std::string>(), "T_CK");
+    r.features = line.at("features");
+    r.visible = line.at("visible");
+    r.inliers = line.at("inliers");
+    r.sigma = line.at("sigma_px");
+    return r;
+  } catch (const nlohmann::json::exception& error) {
+    throw Error(ErrorCode::invalid_argument, std::string("no line of frames.jsonl: ") + error.what());
+  }
 }
 
 std::string map_ply(const Tracker& tracker, const Camera& camera) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <span>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include <iclk/track/tracker.h>
@@ -20,8 +21,9 @@ struct TrackedFrame {
 std::string tum_text(std::span<const TrackedFrame> frames);
 /// The first three rows of T_WC a frame that was not lost.
 std::string kitti_text(std::span<const TrackedFrame> frames);
-/// A line of frames.jsonl.
+/// A line of frames.jsonl, and what it says: all but the covariance. Throws Error(invalid_argument) for another line.
 std::string frame_json(const TrackResult& result);
+TrackResult parse_frame_json(std::string_view line);
 /// The held keyframes' features in the map, grey values as colours: an ASCII PLY.
 std::string map_ply(const Tracker& tracker, const Camera& camera);
 /// PNG of the way from above (the two directions in which it is longest) with keyframes and the truth.

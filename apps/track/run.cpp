@@ -4,52 +4,44 @@
 #include <chrono>
 #include <cmath>
 #include <filesystem>
-#include <fstream>
 #include <map>
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
 #include <iclk/track/rolling_shutter.h>
 
 #include "apps/io/output.h"
-#include "apps/io/pose_text.h"
 #include "apps/session/any_aligner.h"
 #include "apps/session/model_lookup.h"
+#include "apps/track/journal.h"
 #include "apps/track/output.h"
+#include "apps/version.h"
 
 namespace iclk {
 namespace {
 
 constexpr int kRelativeFrames = 30;
-constexpr int kReadoutFrames = 150, kReadoutRounds = 5;
+constexpr int kReadoutFrames = 100, kReadoutRounds = 5;
 /// s: readouts are the same to so much, and so little is none.
 constexpr double kSameReadout = 1e-3, kLeastReadout = 2e-3;
 constexpr double kReadoutSigmas = 3;
 
-/// A file that grows line by line.
-class Growing {
- public:
-  Growing(const std::string& folder, const std::string& name) {
-    if (folder.empty()) return;
-    path_ = (std::filesystem::path(folder) / name).string();
-    file_.open(path_, std::ios::trunc);
-    check();
-  }
-  void add(const std::string& text) {
-    if (path_.empty()) return;
-    file_ << text << std::flush;
-    check();
-  }
-
- private:
-  void check() {
-    if (!file_) throw Error(ErrorCode::io, path_ + ": cannot be written, is the disk full?");
-  }
-  std::string path_;
-  std::ofstream file_;
-};
+/// What must be the same for a run to be continued.
+std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
+  const Camera& c = frames.camera();
+  const FramesOptions& f = options.frames;
+  return fmt::format(
+      "{} {} first {} stride {} camera {} {} {} {} {} {} distorted {} {} scale {} model {} solver {} tracker {} {} {} {} {} "
+      "{} {} {} {} {} {} {}",
+      version(), std::filesystem::absolute(f.folder).string(), f.first, f.stride, c.fx, c.fy, c.cx, c.cy, c.width, c.height,
+      static_cast<int>(frames.distortion().model), fmt::join(frames.distortion().k, ","), f.depth_scale, options.model,
+      static_cast<int>(options.solver), tracker.detector.count, tracker.depth_noise.constant, tracker.depth_noise.relative,
+      tracker.keyframes, tracker.window, tracker.min_visible, tracker.max_flow, tracker.min_inliers, tracker.readout,
+      tracker.weak_correlation, tracker.weak_motion, tracker.min_sharpness);
+}
 
 void write_results(const TrackRunOptions& options, const Tracker& tracker, const Camera& camera,
                    const std::vector<TrackedFrame>& frames, const TrackReport& report) {
@@ -128,32 +120,34 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   report.device = context ? context->info().name : "CPU";
   report.cpu_unasked = context && context->cpu_unasked();
   if (!options.out.empty()) make_output_folder(options.out);
-  Growing live(options.out, "live.txt"), lines(options.out, "frames.jsonl");
-  live.add("# timestamp tx ty tz qx qy qz qw (camera to world)\n");
+  Journal journal(options.out, key_of(options, frames, how), options.fresh, tracker);
+  report.seconds = journal.seconds();
   std::vector<TrackedFrame> tracked;
   const int count = options.most > 0 ? std::min(options.most, frames.size()) : frames.size();
-  for (int i = 0; i < count; ++i) {
-    const auto& pixels = frames.read(i);
-    if (!pixels.problem.empty() && report.unreadable++ == 0) report.first_problem = pixels.problem;
-    TrackedFrame t{{}, {}, frames.truth(i)};
-    t.result.time = frames.time(i);
-    t.result.reason = pixels.problem;
-    if (!pixels.image.empty()) {
-      const TrackFrame frame = frames.view_of(i);
-      const auto start = std::chrono::steady_clock::now();
-      t.result = tracker.track(frame);
-      report.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-    }
-    const TrackResult& r = t.result;
+  report.continued = std::min(count, static_cast<int>(journal.results().size()));
+  const auto keep = [&](int i, const TrackResult& r) {
     report.lost += r.status == TrackStatus::lost;
     report.unconfirmed += r.status != TrackStatus::lost && !r.confirmed;
-    report.without_depth += pixels.depth.empty();
     report.align_ms += r.align_ms;
     report.keyframe_ms += r.keyframe_ms;
     report.bundle_ms += r.bundle_ms;
-    lines.add(frame_json(r));
-    if (r.status != TrackStatus::lost) live.add(fmt::format("{:.6f} {}\n", r.time, tum_line(r.T_WC)));
-    tracked.push_back(std::move(t));
+    tracked.push_back({r, {}, frames.truth(i)});
+  };
+  for (int i = 0; i < report.continued; ++i) keep(i, journal.results()[static_cast<size_t>(i)]);
+  for (int i = report.continued; i < count; ++i) {
+    const auto& pixels = frames.read(i);
+    if (!pixels.problem.empty() && report.unreadable++ == 0) report.first_problem = pixels.problem;
+    report.without_depth += pixels.depth.empty();
+    TrackResult result;
+    result.time = frames.time(i);
+    result.reason = pixels.problem;
+    if (!pixels.image.empty()) {
+      const TrackFrame frame = frames.view_of(i);
+      const auto start = std::chrono::steady_clock::now();
+      result = tracker.track(frame);
+      report.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    }
+    keep(i, journal.add(result, report.seconds, tracker));
     progress(i + 1, count, report.lost);
   }
   report.frames = count;
@@ -177,12 +171,14 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
     report.adjusted = track_errors(adjusted_pairs);
   }
   if (!options.out.empty()) write_results(options, tracker, frames.camera(), tracked, report);
+  journal.finish();
   return report;
 }
 
 std::string to_text(const TrackReport& r) {
   std::string text = fmt::format("frames     {}: {} tracked, {} of them not confirmed by features, {} lost; {} keyframes\n",
                                  r.frames, r.frames - r.lost, r.unconfirmed, r.lost, r.keyframes);
+  if (r.continued > 0) text += fmt::format("continued  behind {} frames of a run that was stopped\n", r.continued);
   if (r.without_depth > 0) text += fmt::format("depth      {} frames have none near in time\n", r.without_depth);
   if (r.unreadable > 0) text += fmt::format("unreadable {}, the first: {}\n", r.unreadable, r.first_problem);
   if (r.doubled > 0) text += fmt::format("left out   {} frames as late as the one before\n", r.doubled);

@@ -17,8 +17,9 @@ struct TrackRunOptions {
   std::string device;
   std::string model = "classical";  ///< or a name or file of a model
   TrackerOptions tracker;
-  int most = 0;     ///< frames, at most; 0: all
-  std::string out;  ///< folder; empty: nothing is written
+  int most = 0;        ///< frames, at most; 0: all
+  std::string out;     ///< folder; empty: nothing is written
+  bool fresh = false;  ///< a run that was stopped there is not continued
 };
 
 /// Errors against the recording's truth, of the frames that have one and were not lost.
@@ -33,7 +34,8 @@ TrackErrors track_errors(std::span<const PosePair> poses);
 struct TrackReport {
   std::string device;
   bool cpu_unasked = false;
-  int frames = 0, lost = 0, unconfirmed = 0, keyframes = 0, without_depth = 0;
+  int frames = 0, continued = 0;  ///< continued: of these, by a run before
+  int lost = 0, unconfirmed = 0, keyframes = 0, without_depth = 0;
   int elsewhere = 0;                                    ///< tracked, but in another map than the one that has most frames
   int doubled = 0, unreadable = 0;                      ///< frames left out; frames or depths that cannot be read
   double readout_used = 0;                              ///< s: TrackerOptions::readout
@@ -44,9 +46,10 @@ struct TrackReport {
   std::optional<TrackErrors> live, adjusted;            ///< as they were answered, and by the keyframes' last poses
 };
 
-/// Tracks a recording. With `out`: live.txt (TUM, as answered) and frames.jsonl grow with every frame; trajectory.txt (TUM, by
-/// the keyframes' last poses), keyframes.txt, trajectory_kitti.txt, map.ply and path.png are written at the end, whole or not
-/// at all. A frame that cannot be read is lost, and said. `progress`: frames done, of how many, lost so far.
+/// Tracks a recording. With `out`: live.txt (TUM, as answered) and frames.jsonl grow with every frame, and a run that was
+/// killed goes on (Journal); trajectory.txt (TUM, by the keyframes' last poses), keyframes.txt, trajectory_kitti.txt, map.ply
+/// and path.png are written at the end, whole or not at all. A frame that cannot be read is lost, and said. `progress`: frames
+/// done, of how many, lost so far.
 TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frames,
                            const std::function<void(int, int, int)>& progress);
 

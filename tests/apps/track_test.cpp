@@ -6,6 +6,7 @@
 
 #include "apps/io/pose_text.h"
 
+#include "batch_process.h"
 #include "command_fixture.h"
 #include "device.h"
 
@@ -67,6 +68,47 @@ TEST(Track, OthersFromFrameToFrame) {
   for (const char* method : {"RgbdOdometry", "KLT + PnP", "SIFT + PnP"})
     EXPECT_LT(number_after(f.out, method, "ATE "), 50) << method << f.out;
   EXPECT_LT(number_after(f.out, "adjusted", "ATE "), number_after(f.out, "KLT + PnP", "ATE ")) << f.out;
+}
+
+TEST(Track, AKilledRunGoesOnToTheSameBits) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  const Folder folder;
+  const std::string whole = folder.path("whole"), killed = folder.path("killed");
+  const auto command = [&](const std::string& out) {
+    return std::vector<std::string>{"track", data, "--depth-sigma", "rendered", "--out", out};
+  };
+  ASSERT_EQ(run(command(whole)).code, 0);
+  const std::string state = killed + "/stopped.state";
+  {
+    Process process(command(killed));
+    ASSERT_TRUE(wait_until([&] { return fs::exists(state) || process.ended(); }));
+    process.signal(SIGKILL);
+    ASSERT_EQ(process.wait(), -SIGKILL) << "it was done before it could be killed";
+  }
+  // Other options are another run.
+  std::vector<std::string> other = command(killed);
+  other.insert(other.end(), {"--window", "5"});
+  const Finished refused = run(other);
+  EXPECT_EQ(refused.code, 3);
+  EXPECT_NE(refused.err.find("--fresh"), std::string::npos) << refused.err;
+  // A broken state is said, and nothing is lost.
+  const std::string bytes = bytes_of(state), lines = bytes_of(killed + "/frames.jsonl");
+  folder.write("killed/stopped.state", bytes.substr(0, bytes.size() / 2));
+  const Finished broken = run(command(killed));
+  EXPECT_EQ(broken.code, 3);
+  EXPECT_NE(broken.err.find("--fresh"), std::string::npos) << broken.err;
+  EXPECT_EQ(bytes_of(killed + "/frames.jsonl"), lines);
+  folder.write("killed/stopped.state", bytes);
+
+  const Finished f = run(command(killed));
+  ASSERT_EQ(f.code, 0) << f.err;
+  EXPECT_NE(f.out.find("continued  behind "), std::string::npos) << f.out;
+  for (const char* name : {"trajectory.txt", "trajectory_kitti.txt", "keyframes.txt", "live.txt", "map.ply", "path.png"})
+    EXPECT_EQ(bytes_of(killed + "/" + name), bytes_of(whole + "/" + name)) << name;
+  EXPECT_FALSE(fs::exists(state));
+  EXPECT_EQ(run(command(killed)).out.find("continued"), std::string::npos);  // done is done: it begins anew
 }
 
 TEST(Track, BadInputIsSaid) {

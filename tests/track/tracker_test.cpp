@@ -235,6 +235,44 @@ TEST(Tracker, MemoryIsBounded) {
     for (const auto& [seen_in, features] : k.sightings) EXPECT_TRUE(t.tracker.keyframes().all().count(seen_in)) << id;
 }
 
+TEST(Tracker, AStateGoesOnToTheBit) {
+  ICLK_NEED_DEVICE();
+  Tracking whole, stopped, next;
+  for (int i = 0; i < 8; ++i) {
+    whole.track(i);
+    stopped.track(i);
+  }
+  const std::vector<uint8_t> state = stopped.tracker.state();
+  EXPECT_EQ(whole.tracker.state(), state);
+  next.tracker.restore(state);
+  EXPECT_EQ(next.tracker.state(), state);
+  for (int i = 8; i < 14; ++i) {
+    const TrackResult a = whole.track(i), b = next.track(i);
+    EXPECT_EQ(a.status, b.status);
+    EXPECT_EQ(a.T_WC.matrix(), b.T_WC.matrix()) << i;
+    EXPECT_EQ(a.covariance, b.covariance) << i;
+  }
+  EXPECT_EQ(whole.tracker.keyframe_count(), next.tracker.keyframe_count());
+  EXPECT_GT(whole.tracker.keyframe_count(), 2);
+  for (int id = 0; id < whole.tracker.keyframe_count(); ++id)
+    EXPECT_EQ(whole.tracker.keyframe_pose(id).matrix(), next.tracker.keyframe_pose(id).matrix());
+
+  // What is no state is refused, and the tracker goes on as if nothing had been.
+  const std::vector<uint8_t> before = next.tracker.state();
+  EXPECT_THROW(next.tracker.restore({}), Error);
+  for (const size_t size : {size_t{7}, size_t{40}, state.size() / 2, state.size() - 1})
+    EXPECT_THROW(next.tracker.restore(std::span(state).first(size)), Error) << size;
+  for (const size_t at : {size_t{3}, size_t{12}, size_t{20}, state.size() / 3}) {
+    std::vector<uint8_t> broken = state;
+    broken[at] ^= 0x40;
+    EXPECT_THROW(next.tracker.restore(broken), Error) << at;
+  }
+  TrackerOptions other = options_for();
+  other.keyframes = 11;
+  EXPECT_THROW(Tracking(other).tracker.restore(state), Error);
+  EXPECT_EQ(next.tracker.state(), before);
+}
+
 TEST(Tracker, AMaskHidesWhatRidesAlong) {
   ICLK_NEED_DEVICE();
   TrackerOptions options = options_for();

@@ -70,7 +70,7 @@ struct Tracker::Impl {
   struct Turned {
     double time = 0, time_before = 0;
     SE3 T_WC_before;
-    Eigen::Vector3d turn;
+    Eigen::Vector3d turn = Eigen::Vector3d::Zero();
     double sigma = 0;
   };
   std::optional<Turned> turned;

@@ -1,0 +1,102 @@
+// Tracker::state() and restore().
+#include <bit>
+#include <utility>
+
+#include <iclk/track/internal/archive.h>
+#include <iclk/track/internal/tracker_impl.h>
+
+namespace iclk {
+namespace internal {
+
+template <class Stream>
+void archive(Stream& s, FramePixels& p) {
+  archive_all(s, p.time, p.image, p.mask, p.depth, p.format);
+}
+
+/// What the bundles read of it.
+template <class Stream>
+void archive(Stream& s, AlignedFeature& f) {
+  archive_all(s, f.uv1, f.covariance, f.status);
+}
+
+template <class Stream>
+void archive(Stream& s, Keyframe::Origin& o) {
+  archive_all(s, o.keyframe, o.T_CK, o.confirmed, o.covariance);
+}
+
+template <class Stream>
+void archive(Stream& s, Keyframe& k) {
+  archive_all(s, k.id, k.slot, k.time, k.sharpness, k.T_WC, k.turn, k.features.uv, k.features.inverse_depth,
+              k.features.inverse_depth_sigma, k.measured, k.sigma, k.pixels, k.origin, k.sightings);
+}
+
+template <class Stream>
+void archive(Stream& s, Tracker::Impl::Last& l) {
+  archive_all(s, l.time, l.T_WC);
+}
+
+template <class Stream>
+void archive(Stream& s, Tracker::Impl::Turned& t) {
+  archive_all(s, t.time, t.time_before, t.T_WC_before, t.turn, t.sigma);
+}
+
+}  // namespace internal
+
+namespace {
+
+constexpr uint64_t kMagic = 0x31304b4c43494b54;  // changes with what a state holds
+
+/// FNV-1a, 64 bits.
+uint64_t checksum(std::span<const uint8_t> bytes) {
+  uint64_t h = 0xcbf29ce484222325;
+  for (const uint8_t b : bytes) h = (h ^ b) * 0x100000001b3;
+  return h;
+}
+
+template <class Stream>
+void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, Keyframe>& held, std::vector<SE3>& poses) {
+  internal::archive_all(s, held, poses, m.current, m.last, m.previous, m.previous_origin, m.velocity, m.velocity_seconds,
+                        m.rate, m.turned, m.lost, m.map, m.frames_tracked, m.frames_lost, m.next_tried, m.last_time);
+  m.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
+}
+
+}  // namespace
+
+std::vector<uint8_t> Tracker::state() const {
+  Impl& m = *impl_;  // archive() reads where it could write
+  internal::Writer writer;
+  uint64_t magic = kMagic, sum = 0;
+  internal::archive_all(writer, magic, sum, m.camera.width, m.camera.height, m.options.keyframes);
+  std::vector<SE3> poses;
+  for (int id = 0; id < m.keyframes.count(); ++id) poses.push_back(m.keyframes.pose(id));
+  archive_tracker(writer, m, m.keyframes.all(), poses);
+  sum = checksum(std::span(writer.bytes).subspan(2 * sizeof(uint64_t)));
+  std::memcpy(writer.bytes.data() + sizeof(magic), &sum, sizeof(sum));
+  return std::move(writer.bytes);
+}
+
+void Tracker::restore(std::span<const uint8_t> state) {
+  const auto require = [](bool good, const char* what) {
+    if (!good) throw Error(ErrorCode::invalid_argument, what);
+  };
+  internal::Reader reader(state);
+  uint64_t magic = 0, sum = 0;
+  int width = 0, height = 0, capacity = 0;
+  internal::archive_all(reader, magic, sum);
+  require(magic == kMagic, "this is no state of a tracker, or of another version");
+  require(sum == checksum(state.subspan(2 * sizeof(uint64_t))), "a tracker's state is broken");
+  internal::archive_all(reader, width, height, capacity);
+  Impl& m = *impl_;
+  require(width == m.camera.width && height == m.camera.height && capacity == m.options.keyframes,
+          "a tracker's state is of another camera or number of keyframes");
+  auto fresh = std::make_unique<Impl>(m.aligner, m.camera, m.options);
+  std::map<int, Keyframe> held;
+  std::vector<SE3> poses;
+  archive_tracker(reader, *fresh, held, poses);
+  require(reader.left() == 0, "a tracker's state is longer than it should be");
+  fresh->keyframes.restore(std::move(held), std::move(poses));
+  impl_ = std::move(fresh);
+  for (const auto& [id, k] : impl_->keyframes.all()) impl_->set_reference(k);
+}
+
+}  // namespace iclk
