@@ -1,0 +1,88 @@
+// A flight without end: what a tracker holds does not grow.
+#include <unistd.h>
+
+#include <cstdlib>
+#include <fstream>
+
+#include <gtest/gtest.h>
+#include <Eigen/Geometry>
+
+#include <iclk/align/device_aligner.h>
+#include <iclk/track/tracker.h>
+
+#include "apps/render/procedural.h"
+#include "apps/render/renderer.h"
+
+#include "device.h"
+
+namespace iclk::test {
+namespace {
+
+/// Bytes of memory that this process holds.
+size_t resident() {
+  std::ifstream file("/proc/self/statm");
+  size_t pages = 0;
+  file >> pages >> pages;
+  return pages * static_cast<size_t>(sysconf(_SC_PAGESIZE));
+}
+
+/// ICLK_LONG_FRAMES=100000 for all night; the suite's is long enough for every keyframe to leave many times.
+int frames_to_fly() {
+  const char* const variable = std::getenv("ICLK_LONG_FRAMES");
+  return variable ? std::atoi(variable) : 800;
+}
+
+TEST(LongFlight, MemoryDoesNotGrow) {
+  ICLK_NEED_DEVICE();
+  const Camera camera{70, 70, 39.5, 29.5, 80, 60};
+  Eigen::Matrix3d down;
+  down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  const auto terrain = std::make_shared<const Terrain>(procedural_terrain({.seed = 3, .size = 256}));
+  TerrainRenderer renderer(device(), terrain);
+  constexpr int kRound = 60;
+  std::vector<View> views;
+  std::vector<SE3> truth;
+  for (int i = 0; i < kRound; ++i) {
+    const double a = 2 * M_PI * i / kRound;
+    truth.push_back({down, Eigen::Vector3d(120 + 60 * std::cos(a), 120 + 60 * std::sin(a), 150)});
+    views.push_back(renderer.render(camera, truth.back()));
+  }
+  TrackerOptions options;
+  options.detector.count = 60;
+  options.detector.border = 6;
+  options.min_inliers = 10;
+  options.depth_noise = {0, 0.001};
+  options.keyframes = 6;
+  options.window = 3;
+  AlignerOptions how;
+  how.search.enabled = true;
+  const auto aligner = make_device_aligner(device(), Tracker::plan(camera, options), how, Solver::device);
+  Tracker tracker(*aligner, camera, options);
+  const int frames = frames_to_fly();
+  size_t before = 0, state_before = 0;
+  int lost = 0;
+  double step = 0;  // m, worst from frame to frame
+  SE3 last;
+  for (int i = 0; i < frames; ++i) {
+    const auto at = static_cast<size_t>(i % kRound);
+    const TrackResult r = tracker.track({0.1 * i, views[at].image(), views[at].depth_image(), {}});
+    lost += r.status == TrackStatus::lost;
+    if (i > 0 && r.map == 0) step = std::max(step, (r.T_WC.t - last.t).norm());
+    last = r.T_WC;
+    if (i == frames / 3) {
+      before = resident();
+      state_before = tracker.state().size();
+    }
+  }
+  EXPECT_EQ(lost, 0);
+  EXPECT_LT(step, 10) << "a step is 6.3 m";
+  EXPECT_GT(tracker.keyframe_count(), 3 * options.keyframes);
+  EXPECT_EQ(tracker.keyframes().size(), options.keyframes);
+  EXPECT_LT(resident(), before + (size_t{4} << 20) + 200 * static_cast<size_t>(tracker.keyframe_count()));
+  // A pose a keyframe is what is kept of those that left; sightings differ from window to window.
+  EXPECT_LT(tracker.state().size(), state_before + 300 * static_cast<size_t>(tracker.keyframe_count()) + 200000);
+  std::printf("[          ] %d frames, %d keyframes, %zu MB\n", frames, tracker.keyframe_count(), resident() >> 20);
+}
+
+}  // namespace
+}  // namespace iclk::test
