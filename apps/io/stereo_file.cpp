@@ -1,8 +1,7 @@
 #include "apps/io/stereo_file.h"
 
+#include <cstdio>
 #include <filesystem>
-
-#include <fmt/format.h>
 
 #include <iclk/engine/error.h>
 
@@ -32,7 +31,11 @@ std::string numbers_text(const double* values, int rows, int columns, size_t ind
   std::string out = "[";
   for (int r = 0; r < rows; ++r) {
     if (r > 0) out += ",\n" + std::string(indent, ' ');
-    for (int c = 0; c < columns; ++c) out += fmt::format("{}{:.17g}", c ? ", " : "", values[r * columns + c]);
+    for (int c = 0; c < columns; ++c) {
+      char number[40];
+      std::snprintf(number, sizeof number, "%s%.17g", c ? ", " : "", values[r * columns + c]);
+      out += number;
+    }
   }
   return out + "]";
 }
@@ -108,7 +111,7 @@ StereoFile load_euroc(const std::string& folder) {
   file.format = StereoFile::Format::euroc;
   SE3 T_BS[2];
   for (int i = 0; i < 2; ++i) {
-    const std::string name = fmt::format("cam{}/sensor.yaml", i), path = (fs::path(folder) / name).string();
+    const std::string name = "cam" + std::to_string(i) + "/sensor.yaml", path = (fs::path(folder) / name).string();
     file.files.emplace_back(name, read_file(path, kMaxBytes));
     const Yaml yaml(file.files.back().second, path);
     (i ? file.right : file.left) = kalibr_camera(yaml, "", "camera " + path);

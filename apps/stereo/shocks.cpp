@@ -76,12 +76,6 @@ class World {
     v.image = photograph(view, 1, 0, 2 * seed);
     v.depth = cv::Mat(view.height, view.width, CV_32FC1, const_cast<float*>(view.depth.data())).clone();
     v.features = detect_features(v.image, v.depth, {}, {.count = settings_.features});
-    Random random(static_cast<unsigned>(seed));
-    std::normal_distribution<double> normal;
-    for (double& q : v.features.inverse_depth) {
-      v.features.inverse_depth_sigma.push_back(kDepthNoise * q);
-      q *= 1 + kDepthNoise * normal(random);
-    }
     return v;
   }
   cv::Mat right(const LeftView& v, const SE3& T_rl, uint64_t seed) {
@@ -100,10 +94,22 @@ class World {
   TerrainRenderer renderer_;
 };
 
+/// With errors of their depths.
+Features measured(const Features& exact, uint64_t seed) {
+  Features features = exact;
+  Random random(static_cast<unsigned>(seed));
+  std::normal_distribution<double> normal;
+  for (double& q : features.inverse_depth) {
+    features.inverse_depth_sigma.push_back(kDepthNoise * q);
+    q *= 1 + kDepthNoise * normal(random);
+  }
+  return features;
+}
+
 ImageView view_of(const cv::Mat& m) { return {m.data, m.cols, m.rows, m.step, PixelFormat::r8}; }
 
 /// SIFT in all pairs, each pair's matches that pass the ratio test and its essential matrix, the pose of the pair with most of
-/// them, and adjust_rig() over all with depths of the left image.
+/// them, and adjust_rig() over all with depths of the left image (exact ones, stated as being as wrong as ours).
 SE3 by_sift(const std::vector<LeftView>& lefts, const std::vector<cv::Mat>& rights, bool& found) {
   const auto sift = cv::SIFT::create(4000);
   const cv::BFMatcher matcher(cv::NORM_L2);
@@ -210,8 +216,9 @@ void shocks(World& world, const Settings& settings) {
       std::vector<cv::Mat> rights;
       std::vector<RigPair> pairs;
       for (size_t i = 0; i < lefts.size(); ++i) {
-        rights.push_back(world.right(lefts[i], truth, 1000 + 100 * static_cast<uint64_t>(d) + i));
-        pairs.push_back({view_of(lefts[i].image), view_of(rights.back()), lefts[i].features, {}});
+        const uint64_t seed = 1000 + 100 * static_cast<uint64_t>(d);
+        rights.push_back(world.right(lefts[i], truth, seed + i));
+        pairs.push_back({view_of(lefts[i].image), view_of(rights.back()), measured(lefts[i].features, seed + i), {}});
       }
       const RigResult r = estimate_rig(*aligner, kCamera, pairs, kRest);
       ours.add(lefts, truth, r.T_rl, r.usable);
@@ -254,7 +261,7 @@ void flex(World& world, const Settings& settings) {
       truth.push_back(kRest * SE3::exp(xi));
       const LeftView& l = lefts[static_cast<size_t>(i)];
       rights.push_back(world.right(l, truth.back(), 9000 + static_cast<uint64_t>(i)));
-      pairs.push_back({view_of(l.image), view_of(rights.back()), l.features, {}});
+      pairs.push_back({view_of(l.image), view_of(rights.back()), measured(l.features, 700 + static_cast<uint64_t>(i)), {}});
     }
     std::vector<FlexMeasurement> measurements;
     const auto aligned = align_pairs(*aligner, kCamera, pairs, kRest, {}, true);
