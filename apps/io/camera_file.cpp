@@ -113,6 +113,16 @@ void read_line(std::string_view text, CameraFile& file) {
   }
 }
 
+void check_intrinsics(const CameraFile& file) {
+  Camera checked = file.camera;
+  if (checked.width == 0) checked.width = checked.height = 1;
+  try {
+    checked.check();
+  } catch (const Error& e) {
+    fail(file.source, e.what());
+  }
+}
+
 CameraFile load_file(const std::string& path) {
   CameraFile file;
   file.source = "camera " + path;
@@ -159,14 +169,38 @@ CameraFile load_camera(const std::string& text_or_path) {
   } else {
     file = load_file(text);
   }
-  Camera checked = file.camera;
-  if (checked.width == 0) checked.width = checked.height = 1;
-  try {
-    checked.check();
-  } catch (const Error& e) {
-    fail(file.source, e.what());
-  }
+  check_intrinsics(file);
   return file;
+}
+
+CameraFile kalibr_camera(const Yaml& yaml, const std::string& prefix, const std::string& source) {
+  CameraFile file;
+  file.source = source;
+  read_kalibr(Keys{yaml, source}, prefix, file);
+  check_intrinsics(file);
+  return file;
+}
+
+CameraFile opencv_camera(const Yaml& yaml, const std::string& matrix, const std::string& coefficients,
+                         const std::string& source) {
+  CameraFile file;
+  file.source = source;
+  const std::vector<double> m = yaml_numbers(yaml, matrix, 9, source);
+  if (m[1] != 0)
+    fail(source, "key '" + matrix + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
+  set_intrinsics(file, {m[0], m[4], m[2], m[5]});
+  if (yaml.find(coefficients) != nullptr)
+    file.distortion = make_distortion("radtan", yaml_numbers(yaml, coefficients, 0, source), source);
+  check_intrinsics(file);
+  return file;
+}
+
+std::vector<double> yaml_numbers(const Yaml& yaml, const std::string& key, size_t count, const std::string& source) {
+  const std::string with_data = key + ".data";
+  std::vector<double> numbers = Keys{yaml, source}.numbers(yaml.find(with_data) != nullptr ? with_data : key, count);
+  for (const double x : numbers)
+    if (!std::isfinite(x)) fail(source, "key '" + key + "' has a number that is not finite");
+  return numbers;
 }
 
 Camera fit_camera(const CameraFile& file, int width, int height) {

@@ -1,5 +1,6 @@
 #pragma once
 #include <string>
+#include <vector>
 
 #include <iclk/align/camera.h>
 
@@ -19,6 +20,16 @@ struct CameraFile {
 /// camchain (its first camera) or EuRoC sensor.yaml, or an OpenCV / ROS camera YAML.
 /// Throws Error(io) for an unreadable file, Error(invalid_argument) that names file and key otherwise.
 CameraFile load_camera(const std::string& text_or_path);
+
+class Yaml;
+/// A camera of a YAML file with Kalibr's or EuRoC's keys, each behind `prefix` ("cam1."; EuRoC: ""), or of an OpenCV matrix and
+/// its coefficients under these keys (coefficients may be missing). `source` opens the messages. Throws as load_camera().
+CameraFile kalibr_camera(const Yaml& yaml, const std::string& prefix, const std::string& source);
+CameraFile opencv_camera(const Yaml& yaml, const std::string& matrix, const std::string& coefficients,
+                         const std::string& source);
+/// The numbers under a key, or under its child `data`. Throws Error(invalid_argument) that names the key: missing, not a
+/// number, not finite, not `count` of them.
+std::vector<double> yaml_numbers(const Yaml& yaml, const std::string& key, size_t count, const std::string& source);
 
 /// The intrinsics for an image of that size: scaled if the camera was stated for another size of the same aspect.
 /// Throws Error(invalid_argument) with both sizes where the aspects differ.

@@ -60,33 +60,39 @@ Distortion parse_distortion(const std::string& text) {
   return make_distortion(text.substr(0, colon), k, where);
 }
 
-Undistorter::Undistorter(const Camera& camera, const Distortion& distortion) : camera_(camera), distortion_(distortion) {
-  if (distortion_.empty()) return;
-  const cv::Mat K = camera_matrix(camera);
-  const cv::Size size(camera.width, camera.height);
-  if (distortion_.model == Distortion::Model::radtan)
-    cv::initUndistortRectifyMap(K, distortion_.k, cv::Mat(), K, size, CV_32FC1, map_u_, map_v_);
+Undistorter::Undistorter(const Camera& camera, const Distortion& distortion) : Undistorter(camera, distortion, camera) {}
+
+Undistorter::Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as)
+    : camera_(camera), distortion_(distortion) {
+  const bool same = camera.fx == as.fx && camera.fy == as.fy && camera.cx == as.cx && camera.cy == as.cy &&
+                    camera.width == as.width && camera.height == as.height;
+  identity_ = distortion_.empty() && same;
+  if (identity_) return;
+  const cv::Mat K = camera_matrix(camera), K_as = camera_matrix(as);
+  const cv::Size size(as.width, as.height);
+  if (distortion_.model == Distortion::Model::equidistant)
+    cv::fisheye::initUndistortRectifyMap(K, distortion_.k, cv::Mat::eye(3, 3, CV_64F), K_as, size, CV_32FC1, map_u_, map_v_);
   else
-    cv::fisheye::initUndistortRectifyMap(K, distortion_.k, cv::Mat::eye(3, 3, CV_64F), K, size, CV_32FC1, map_u_, map_v_);
+    cv::initUndistortRectifyMap(K, distortion_.k, cv::Mat(), K_as, size, CV_32FC1, map_u_, map_v_);
   const double domain = distortion_.model == Distortion::Model::radtan ? radtan_domain(distortion_.k) : 1e300;
   seen_ = cv::Mat::zeros(size, CV_8UC1);
   for (int v = 0; v < size.height; ++v)
     for (int u = 0; u < size.width; ++u) {
       const float x = map_u_.at<float>(v, u), y = map_v_.at<float>(v, u);
-      const double r = std::hypot((u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy);
+      const double r = std::hypot((u - as.cx) / as.fx, (v - as.cy) / as.fy);
       if (x >= 0 && y >= 0 && x <= camera.width - 1 && y <= camera.height - 1 && r < domain) seen_.at<uchar>(v, u) = 255;
     }
 }
 
 cv::Mat Undistorter::image(const cv::Mat& image) const {
-  if (distortion_.empty()) return image;
+  if (identity_) return image;
   cv::Mat out;
   cv::remap(image, out, map_u_, map_v_, cv::INTER_LINEAR, cv::BORDER_REPLICATE);
   return out;
 }
 
 cv::Mat Undistorter::depth(const cv::Mat& depth) const {
-  if (distortion_.empty()) return depth;
+  if (identity_) return depth;
   cv::Mat out;
   cv::remap(depth, out, map_u_, map_v_, cv::INTER_NEAREST, cv::BORDER_CONSTANT, cv::Scalar(0));
   out.setTo(0, seen_ == 0);

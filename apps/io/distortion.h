@@ -30,16 +30,19 @@ class Undistorter {
  public:
   /// Precondition: camera.check() passes.
   Undistorter(const Camera& camera, const Distortion& distortion);
+  /// As another pinhole at the same place, `as`, would have seen it. image() alone is for it.
+  Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as);
 
   cv::Mat image(const cv::Mat& image) const;  ///< bilinear; beyond the source the nearest border pixel is repeated
   cv::Mat depth(const cv::Mat& depth) const;  ///< nearest; 0 beyond the source
   Eigen::Vector2d point(const Eigen::Vector2d& uv) const;
-  /// CV_8UC1, 255 where the undistorted pixel was really seen. Empty without distortion.
+  /// CV_8UC1, 255 where the undistorted pixel was really seen. Empty where nothing is remapped.
   const cv::Mat& seen() const { return seen_; }
 
  private:
   Camera camera_;
   Distortion distortion_;
+  bool identity_ = true;
   cv::Mat map_u_, map_v_, seen_;
 };
 

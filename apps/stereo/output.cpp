@@ -1,0 +1,135 @@
+#include "apps/stereo/output.h"
+
+#include <cmath>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "apps/io/pose_text.h"
+#include "apps/sets/pair_set.h"
+
+namespace iclk {
+namespace {
+
+using Json = nlohmann::ordered_json;
+constexpr double kDegree = M_PI / 180;
+
+Json matrix_json(const Matrix6d& C) {
+  Json out = Json::array();
+  for (int r = 0; r < 6; ++r) {
+    Json row = Json::array();
+    for (int c = 0; c < 6; ++c) row.push_back(C(r, c));
+    out.push_back(row);
+  }
+  return out;
+}
+
+/// What `image` shows through the rotation into the rectified frame.
+cv::Mat rectified(const cv::Mat& image, const Camera& camera, const Eigen::Matrix3d& R) {
+  cv::Mat map_u(image.size(), CV_32FC1), map_v(image.size(), CV_32FC1), out;
+  for (int v = 0; v < image.rows; ++v)
+    for (int u = 0; u < image.cols; ++u) {
+      const Eigen::Vector3d ray = R.transpose() * camera.ray({u, v});
+      const Eigen::Vector2d uv = ray.z() > 1e-3 ? camera.project(ray) : Eigen::Vector2d(-1e4, -1e4);
+      map_u.at<float>(v, u) = static_cast<float>(uv.x());
+      map_v.at<float>(v, u) = static_cast<float>(uv.y());
+    }
+  cv::remap(image, out, map_u, map_v, cv::INTER_LINEAR, cv::BORDER_CONSTANT);
+  return out;
+}
+
+}  // namespace
+
+std::string result_json(const StereoRunOptions& options, const StereoReport& report) {
+  Json json;
+  json["frame"] = "T_rl: X_right = R X_left + t";
+  json["prior"] = pose_json(report.prior);
+  if (options.flex) {
+    json["mode"] = "flex";
+    json["usable"] = report.flex.usable;
+    json["mean"] = pose_json(report.flex.mean);
+    json["epipolar_before_px"] = report.epipolar_before;
+    json["epipolar_after_px"] = report.epipolar_after;
+    Json pairs = Json::array();
+    for (size_t i = 0; i < report.measurements.size(); ++i) {
+      const FlexMeasurement& m = report.measurements[i];
+      Json pair{{"time", m.time}, {"valid", m.valid}, {"reason", report.reasons[i]}, {"T_rl", pose_json(m.T_rl)}};
+      if (report.flex.usable) {
+        pair["smoothed"] = pose_json(report.flex.states[i].T_rl);
+        pair["covariance"] = matrix_json(report.flex.states[i].covariance);
+      }
+      pairs.push_back(pair);
+    }
+    json["pairs"] = pairs;
+    return json.dump(1) + "\n";
+  }
+  const RigResult& r = report.rig;
+  json["mode"] = "rigid";
+  json["usable"] = r.usable;
+  json["reason"] = r.reason;
+  json["T_rl"] = pose_json(r.T_rl);
+  json["covariance"] = matrix_json(r.covariance);
+  json["covariance_of"] = "xi in T_rl Exp(xi), [rho, phi]";
+  json["scale_from_prior"] = r.scale_from_prior;
+  json["moved"] = r.moved;
+  json["chi_square"] = r.chi_square;
+  json["threshold"] = r.threshold;
+  json["epipolar_before_px"] = r.epipolar_before;
+  json["epipolar_after_px"] = r.epipolar_after;
+  json["sigma_px"] = r.sigma;
+  json["inflation"] = r.inflation;
+  json["pairs_used"] = r.pairs_used;
+  json["sightings"] = r.sightings;
+  json["inliers"] = r.inliers;
+  Json pairs = Json::array();
+  for (size_t i = 0; i < r.pairs.size(); ++i) {
+    const RigPairReport& p = r.pairs[i];
+    pairs.push_back({{"left", options.pairs[i].left},
+                     {"right", options.pairs[i].right},
+                     {"used", p.used},
+                     {"status", name(p.status)},
+                     {"reason", p.reason},
+                     {"distance", p.distance},
+                     {"sightings", p.sightings},
+                     {"epipolar_before_px", p.epipolar_before},
+                     {"epipolar_after_px", p.epipolar_after},
+                     {"T_rl", pose_json(p.T_rl)}});
+  }
+  json["pairs"] = pairs;
+  return json.dump(1) + "\n";
+}
+
+std::string series_csv(const StereoReport& report) {
+  std::string out = "time,tx,ty,tz,qx,qy,qz,qw,sigma_t,sigma_rotation_degrees,valid\n";
+  for (size_t i = 0; i < report.flex.states.size(); ++i) {
+    const FlexState& s = report.flex.states[i];
+    std::string pose = tum_line(s.T_rl);
+    std::replace(pose.begin(), pose.end(), ' ', ',');
+    out += fmt::format("{:.6f},{},{:.6g},{:.6g},{}\n", s.time, pose, std::sqrt(s.covariance.topLeftCorner<3, 3>().trace() / 3),
+                       std::sqrt(s.covariance.bottomRightCorner<3, 3>().trace() / 3) / kDegree,
+                       report.measurements[i].valid ? 1 : 0);
+  }
+  return out;
+}
+
+cv::Mat epipolar_picture(const StereoImages& images, const Camera& camera, const SE3& before, const SE3& after) {
+  std::vector<cv::Mat> rows;
+  for (const SE3& T : {before, after}) {
+    const Rectification r = rectify(T);
+    cv::Mat row, coloured;
+    cv::hconcat(rectified(grey_8bit(images.left), camera, r.left), rectified(grey_8bit(images.right), camera, r.right), row);
+    cv::cvtColor(row, coloured, cv::COLOR_GRAY2BGR);
+    for (int k = 1; k < 10; ++k) {
+      const int v = k * row.rows / 10;
+      cv::line(coloured, {0, v}, {coloured.cols - 1, v}, k % 2 ? cv::Scalar(80, 220, 80) : cv::Scalar(60, 160, 255), 1);
+    }
+    cv::putText(coloured, rows.empty() ? "before" : "after", {8, 20}, cv::FONT_HERSHEY_SIMPLEX, 0.6, {255, 255, 255}, 2);
+    rows.push_back(coloured);
+  }
+  cv::Mat out;
+  cv::vconcat(rows, out);
+  return out;
+}
+
+}  // namespace iclk

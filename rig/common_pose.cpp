@@ -1,0 +1,64 @@
+#include <iclk/rig/common_pose.h>
+
+#include <algorithm>
+#include <limits>
+
+#include <Eigen/Cholesky>
+
+namespace iclk {
+namespace {
+
+constexpr double kMedian = 5.35, kHalf = 12.6;  // chi^2 of six degrees: 50 % and 95 %
+
+double squared(const PoseVote& vote, const SE3& T) {
+  const Vector6d e = (vote.T.inverse() * T).log();
+  const double d = e.dot(vote.covariance.ldlt().solve(e));
+  return d >= 0 ? d : std::numeric_limits<double>::infinity();
+}
+
+double median(std::vector<double> values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+}  // namespace
+
+SE3 common_pose(std::vector<PoseVote>& votes) {
+  SE3 T = votes.front().T;
+  double least = std::numeric_limits<double>::infinity();
+  for (const PoseVote& candidate : votes) {
+    std::vector<double> distances;
+    for (const PoseVote& v : votes) distances.push_back(squared(v, candidate.T));
+    if (const double m = median(std::move(distances)); m < least) {
+      least = m;
+      T = candidate.T;
+    }
+  }
+  for (int i = 0; i < 20; ++i) {
+    std::vector<double> distances;
+    for (const PoseVote& v : votes) distances.push_back(squared(v, T));
+    const double spread = std::max(1.0, median(distances) / kMedian);
+    Matrix6d H = Matrix6d::Zero();
+    Vector6d g = Vector6d::Zero();
+    for (size_t k = 0; k < votes.size(); ++k) {
+      PoseVote& v = votes[k];
+      v.distance = distances[k] / spread;
+      v.weight = 1 / (1 + v.distance / kHalf);
+      // e(xi) = Log(T_i^-1 T Exp(xi)) = e + J_r^-1(e) xi; far off the series is no good, and the weight is small.
+      const Vector6d e = (v.T.inverse() * T).log();
+      const Matrix6d J = e.norm() < 0.5 ? inverse_right_jacobian(e) : Matrix6d::Identity();
+      const Matrix6d JtI = J.transpose() * v.covariance.ldlt().solve(Matrix6d::Identity());
+      H += v.weight * JtI * J;
+      g += v.weight * JtI * e;
+    }
+    const Vector6d step = -H.ldlt().solve(g);
+    if (!step.allFinite()) break;
+    T = T * SE3::exp(step);
+    if (step.norm() < 1e-12) break;
+  }
+  T.orthonormalize();
+  return T;
+}
+
+}  // namespace iclk
