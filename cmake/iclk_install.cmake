@@ -4,8 +4,9 @@
 include(CMakePackageConfigHelpers)
 set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
 
-install(TARGETS iclk_engine iclk_align iclk_refine iclk_rig iclk_track EXPORT iclk ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(room engine align refine rig track)
+install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_rig iclk_track EXPORT iclk
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+foreach(room engine align depth refine rig track)
   file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
   install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/${room})
 endforeach()

@@ -1,0 +1,26 @@
+#pragma once
+#include <string>
+
+#include <opencv2/core.hpp>
+
+#include <iclk/align/camera.h>
+#include <iclk/align/se3.h>
+
+namespace iclk {
+
+/// A depth map beside its truth, over the pixels whose depth is known (CV_32FC1 metres, 0: none).
+struct DepthFigures {
+  int known = 0;                ///< pixels with truth
+  double completeness = 0;      ///< share of them that have an answer
+  double median_error = 0;      ///< relative, of the answers
+  double bad_1 = 0, bad_2 = 0;  ///< share of all known pixels without an answer within 1 and 2 px (of place in the first view)
+  double bad_2_of_answers = 0;  ///< the same of the answers
+};
+
+DepthFigures depth_figures(const cv::Mat& depth, const cv::Mat& truth, const Camera& camera, const Camera& view,
+                           const SE3& T_10);
+
+/// One line: "bad-2.0 8.31 % (answers: 2.20 %)  bad-1.0 ...".
+std::string to_text(const DepthFigures& figures);
+
+}  // namespace iclk

@@ -1,0 +1,122 @@
+#include "apps/depth/input.h"
+
+#include <cmath>
+#include <cstdio>
+#include <memory>
+
+#include <iclk/engine/error.h>
+
+#include "apps/io/feature_csv.h"
+#include "apps/io/images.h"
+#include "apps/io/json.h"
+#include "apps/io/pose_text.h"
+#include "apps/io/text.h"
+
+namespace iclk {
+namespace {
+
+[[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
+
+std::vector<SE3> poses_of_file(const std::string& path) {
+  std::vector<SE3> poses;
+  const std::string text = read_file(path);
+  size_t number = 0;
+  for (size_t from = 0; from < text.size();) {
+    size_t end = text.find('\n', from);
+    if (end == std::string::npos) end = text.size();
+    const std::string line = text.substr(from, end - from);
+    from = end + 1, ++number;
+    if (line.find_first_not_of(" \t\r") == std::string::npos || line[0] == '#') continue;
+    poses.push_back(parse_pose(line, path + ":" + std::to_string(number)));
+  }
+  return poses;
+}
+
+/// Pose and features of a result of `iclk align`.
+void read_result(const std::string& path, DepthInput& input) {
+  std::string why;
+  const auto json = parse_json(read_file(path), &why);
+  if (json.is_discarded() || !json.is_object()) fail(path + ": no JSON of iclk align: " + why);
+  const auto pose = json.find("T_10");
+  if (pose == json.end()) fail(path + ": has no T_10; give the result.json of iclk align");
+  input.T_10.push_back(parse_pose(pose->dump(), path + ": T_10"));
+  const auto features = json.find("features");
+  if (features == json.end() || !features->is_array()) return;
+  for (const auto& f : *features) {
+    const auto value = [&](const char* key) {
+      const auto at = f.find(key);
+      return at != f.end() && at->is_number() ? at->get<double>() : NAN;
+    };
+    const Eigen::Vector2d uv(value("u"), value("v"));
+    if (!uv.allFinite() || !(value("inverse_depth") > 0)) continue;
+    input.priors.uv.push_back(uv);
+    input.priors.inverse_depth.push_back(value("inverse_depth"));
+  }
+}
+
+DepthRange parse_range(const std::string& text) {
+  double near = 0, far = 0;
+  int end = 0;
+  if (std::sscanf(text.c_str(), "%lf , %lf %n", &near, &far, &end) != 2 || end != static_cast<int>(text.size()))
+    fail("--depth-range " + text + ": wants NEAR,FAR in metres, like 2,40");
+  const DepthRange range{near, far};
+  range.check();
+  return range;
+}
+
+}  // namespace
+
+DepthInput load_depth_input(const DepthFiles& files) {
+  DepthInput input;
+  CameraFile camera = load_camera(files.camera);
+  CameraFile target_camera = files.target_camera.empty() ? camera : load_camera(files.target_camera);
+  if (!files.distortion.empty()) camera.distortion = target_camera.distortion = parse_distortion(files.distortion);
+  if (!files.result.empty()) read_result(files.result, input);
+  if (!files.pose_file.empty())
+    for (const SE3& T : poses_of_file(files.pose_file)) input.T_10.push_back(T);
+  for (const std::string& pose : files.poses) input.T_10.push_back(load_pose(pose, "--pose"));
+  if (input.T_10.size() != files.targets.size())
+    fail(std::to_string(files.targets.size()) + " targets and " + std::to_string(input.T_10.size()) +
+         " poses; give --pose once a target, --poses with a line a target, or --result");
+  if (!files.range.empty()) input.range = parse_range(files.range);
+
+  input.reference = load_image(files.reference);
+  input.camera = fit_camera(camera, input.reference.cols, input.reference.rows);
+  const auto pinhole = [](const CameraFile& file, const Camera& c) {
+    return file.distortion.empty() ? nullptr : std::make_unique<Undistorter>(c, file.distortion);
+  };
+  const auto undistort = pinhole(camera, input.camera);
+  if (undistort) input.reference = undistort->image(input.reference);
+  for (const std::string& path : files.targets) {
+    cv::Mat image = load_image(path);
+    if (image.size() != input.reference.size())
+      fail(path + ": " + std::to_string(image.cols) + "x" + std::to_string(image.rows) + " pixels, but " + files.reference +
+           " has " + std::to_string(input.reference.cols) + "x" + std::to_string(input.reference.rows));
+    input.cameras.push_back(fit_camera(target_camera, image.cols, image.rows));
+    if (const auto u = pinhole(target_camera, input.cameras.back())) image = u->image(image);
+    input.targets.push_back(image);
+  }
+  if (!files.features.empty()) {
+    Features given = load_features(files.features);
+    for (size_t i = 0; i < given.uv.size(); ++i) {
+      input.priors.uv.push_back(undistort ? undistort->point(given.uv[i]) : given.uv[i]);
+      input.priors.inverse_depth.push_back(given.inverse_depth[i]);
+    }
+  }
+  if (!files.range.empty()) return input;
+  std::vector<double> known = input.priors.inverse_depth;
+  if (!files.depth.empty()) {
+    const cv::Mat depth = load_depth(files.depth, files.depth_scale > 0 ? files.depth_scale : camera.depth_scale);
+    for (int v = 0; v < depth.rows; ++v)
+      for (int u = 0; u < depth.cols; ++u)
+        if (depth.at<float>(v, u) > 0) known.push_back(1 / static_cast<double>(depth.at<float>(v, u)));
+  }
+  if (known.empty())
+    fail(files.reference +
+         ": where to look for depth is not said; give --depth-range NEAR,FAR or sparse "
+         "depths with --features, --depth or --result");
+  input.range = range_of(known);
+  return input;
+}
+
+}  // namespace iclk

@@ -1,0 +1,292 @@
+#include <iclk/depth/depth_sweep.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <string>
+
+#include <Eigen/LU>
+
+#include <iclk/depth/internal/speckles.h>
+#include <iclk/engine/error.h>
+#include <iclk/engine/recorder.h>
+#include <iclk/shaders/depth/depth.h>
+
+#include "census.comp.spv.h"
+#include "consistent.comp.spv.h"
+#include "cost.comp.spv.h"
+#include "path.comp.spv.h"
+#include "polish.comp.spv.h"
+#include "winner.comp.spv.h"
+
+namespace iclk {
+namespace {
+
+using engine::BufferId;
+using engine::BufferUse;
+using engine::groups_for;
+using engine::MemoryKind;
+
+constexpr uint32_t kGroup = 64;
+// A path is an invocation: small groups, so that few paths still fill many cores.
+constexpr uint32_t kPathGroup = 32;
+constexpr int kWays[ICLK_DEPTH_PATHS][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
+
+[[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "depth: " + why); }
+
+struct Buffers {
+  explicit Buffers(const DepthPlan& p, engine::MemoryPlan& memory) {
+    const auto area = static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height);
+    const auto images = static_cast<uint64_t>(p.views) + 1, bytes = area * static_cast<uint64_t>(p.planes);
+    const auto texels = BufferUse::storage | BufferUse::texel;
+    constexpr VkFormat real = VK_FORMAT_R32_SFLOAT, word = VK_FORMAT_R32_UINT;
+    views = memory.add("depth views", sizeof(shaders::DepthViews), MemoryKind::table, BufferUse::uniform);
+    grey = memory.add("depth images", 4 * area * images, MemoryKind::table, texels, real);
+    priors = memory.add("depth priors", 4 * area, MemoryKind::table, texels, real);
+    census = memory.add("census", 4 * area * images, MemoryKind::device, texels, word);
+    costs = memory.add("costs", bytes, MemoryKind::device, texels, word);
+    for (BufferId& path : paths) path = memory.add("path costs", bytes, MemoryKind::device, texels, word);
+    winners = memory.add("winners", 8 * area, MemoryKind::device, BufferUse::storage);
+    claims = memory.add("claims", 4 * area * (images - 1), MemoryKind::device, BufferUse::storage);
+    planes = memory.add("planes", 4 * area, MemoryKind::device, texels, real);
+    inverse = memory.add("inverse depth", 4 * area, MemoryKind::device, BufferUse::storage);
+    read_winners = memory.add("winners to read", 8 * area, MemoryKind::readback, BufferUse::transfer);
+    read_inverse = memory.add("inverse depth to read", 4 * area, MemoryKind::readback, BufferUse::transfer);
+  }
+  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], winners, claims, planes, inverse, read_winners,
+      read_inverse;
+};
+
+/// The row of K_1 [R K_0^-1 | t] that gives one coordinate of view pixels.
+shaders::DepthView view_of(const Camera& reference, const DepthSource& source) {
+  Eigen::Matrix3d K_1, K_0_inverse;
+  const Camera& c = source.camera;
+  K_1 << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1;
+  K_0_inverse << 1 / reference.fx, 0, -reference.cx / reference.fx, 0, 1 / reference.fy, -reference.cy / reference.fy, 0, 0, 1;
+  const Eigen::Matrix3f H = (K_1 * source.T_10.R * K_0_inverse).cast<float>();
+  const Eigen::Vector3f e = (K_1 * source.T_10.t).cast<float>();
+  const auto row = [&](int i) { return shaders::vec4{H(i, 0), H(i, 1), H(i, 2), e(i)}; };
+  return {row(0), row(1), row(2)};
+}
+
+}  // namespace
+
+struct DepthSweep::Impl {
+  Impl(std::shared_ptr<const engine::Context> c, const DepthPlan& p, const DepthOptions& o)
+      : context(std::move(c)),
+        plan((p.check(), p)),
+        options((o.check(), o)),
+        ids(plan, layout),
+        memory(context, layout),
+        words(static_cast<uint32_t>(plan.planes) / 4),
+        submission(context),
+        timer(context, 64) {
+    using enum engine::BindingKind;
+    constexpr uint32_t push = sizeof(shaders::DepthPush);
+    engine::KernelBatch batch(context);
+    batch.add(census, {"census", census_comp_spv, {texel_read, storage_write}, push, {kGroup}});
+    batch.add(cost, {"cost", cost_comp_spv, {texel_read, texel_read, uniform, storage_write}, push, {kGroup}});
+    batch.add(path, {"path", path_comp_spv, {texel_read, texel_read, storage_write}, push, {kPathGroup, words}});
+    std::vector<engine::BindingKind> sums(ICLK_DEPTH_PATHS, texel_read);
+    sums.insert(sums.end(), {uniform, storage_write, storage_read_write});
+    batch.add(winner, {"winner", winner_comp_spv, sums, push, {kGroup, words}});
+    batch.add(consistent,
+              {"consistent", consistent_comp_spv, {storage_read, storage_read, uniform, storage_write}, push, {kGroup}});
+    batch.add(polish, {"polish", polish_comp_spv, {texel_read, texel_read, uniform, storage_write}, push, {kGroup}});
+    batch.make();
+    engine::ArenaSize size;
+    size.add(path, ICLK_DEPTH_PATHS);
+    for (const engine::Kernel* kernel : {&census, &cost, &winner, &consistent, &polish}) size.add(*kernel);
+    arena = std::make_unique<engine::DescriptorArena>(context, size);
+  }
+
+  size_t area() const { return static_cast<size_t>(plan.width) * static_cast<size_t>(plan.height); }
+
+  void check_image(const ImageView& image, const Camera& camera, const std::string& what) const {
+    if (image.empty() || image.width != plan.width || image.height != plan.height)
+      fail(what + " has " + std::to_string(image.width) + "x" + std::to_string(image.height) + " pixels, the plan " +
+           std::to_string(plan.width) + "x" + std::to_string(plan.height));
+    camera.check();
+    if (camera.width != plan.width || camera.height != plan.height)
+      fail("the camera of " + what + " is for " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +
+           " pixels, not " + std::to_string(plan.width) + "x" + std::to_string(plan.height) + "; see Camera::resized()");
+  }
+
+  void check(const ImageView& reference, const Camera& camera, std::span<const DepthSource> sources) const {
+    check_image(reference, camera, "the reference");
+    if (sources.empty() || sources.size() > static_cast<size_t>(plan.views))
+      fail(std::to_string(sources.size()) + " views, the plan has room for 1 to " + std::to_string(plan.views));
+    for (size_t i = 0; i < sources.size(); ++i) {
+      const std::string what = "view " + std::to_string(i);
+      check_image(sources[i].image, sources[i].camera, what);
+      const SE3& T = sources[i].T_10;
+      if (!T.t.allFinite() || !T.R.allFinite()) fail("the pose of " + what + " holds NaN or infinite numbers");
+      if (!(T.R * T.R.transpose()).isIdentity(1e-6) || T.R.determinant() < 0)
+        fail("the pose of " + what + " is no rotation and translation");
+      if (T.t.norm() == 0) fail("the pose of " + what + " does not move the camera: without a baseline there is no depth");
+    }
+  }
+
+  void write(const engine::Buffer& to, size_t image, const ImageView& from) const {
+    const Map map = grey_map(from);
+    std::memcpy(to.as<float>() + image * area(), map.data.data(), 4 * area());
+  }
+
+  void write_priors(const Features& priors, const shaders::DepthPush& push) const {
+    float* out = memory[ids.priors].as<float>();
+    std::fill(out, out + area(), -1.0f);
+    for (size_t i = 0; i < priors.uv.size(); ++i) {
+      const double u = std::round(priors.uv[i].x()), v = std::round(priors.uv[i].y()), w = priors.inverse_depth[i];
+      if (!(u >= 0 && v >= 0 && u < plan.width && v < plan.height) || !(w > 0 && std::isfinite(w))) continue;
+      const double plane = (w - static_cast<double>(push.first)) / static_cast<double>(push.step);
+      if (plane >= 0 && plane <= plan.planes - 1)
+        out[static_cast<size_t>(v) * static_cast<size_t>(plan.width) + static_cast<size_t>(u)] = static_cast<float>(plane);
+    }
+  }
+
+  void record(shaders::DepthPush push) {
+    const auto pixels = static_cast<uint32_t>(area());
+    const engine::Groups all{groups_for(pixels, kGroup), 1, 1};
+    const auto& m = memory;
+    engine::Recorder recorder(submission, *arena, &timer);
+    recorder.stage("upload");
+    for (const BufferId id : {ids.views, ids.grey, ids.priors}) recorder.upload(m[id], 0, m[id].size);
+    recorder.fill(m[ids.claims], 0xffffffffu);
+    recorder.stage("census");
+    recorder.dispatch(census, {&m[ids.grey], &m[ids.census]}, push, {all.x, 1, push.views + 1});
+    recorder.stage("cost");
+    recorder.dispatch(cost, {&m[ids.census], &m[ids.priors], &m[ids.views], &m[ids.costs]}, push, all);
+    recorder.stage("paths");
+    for (int i = 0; i < ICLK_DEPTH_PATHS; ++i) {
+      push.du = kWays[i][0], push.dv = kWays[i][1];
+      recorder.dispatch(path, {&m[ids.costs], &m[ids.grey], &m[ids.paths[i]]}, push,
+                        {groups_for(push.dv == 0 ? push.height : push.width, kPathGroup), 1, 1});
+    }
+    recorder.stage("winner");
+    std::vector<const engine::Buffer*> sums;
+    for (const BufferId id : ids.paths) sums.push_back(&m[id]);
+    for (const BufferId id : {ids.views, ids.winners, ids.claims}) sums.push_back(&m[id]);
+    recorder.dispatch(winner, sums, std::as_bytes(std::span(&push, 1)), all);
+    recorder.stage("consistent");
+    recorder.dispatch(consistent, {&m[ids.winners], &m[ids.claims], &m[ids.views], &m[ids.planes]}, push, all);
+    recorder.stage("polish");
+    recorder.dispatch(polish, {&m[ids.grey], &m[ids.planes], &m[ids.views], &m[ids.inverse]}, push, all);
+    recorder.stage("download");
+    recorder.copy(m[ids.winners], m[ids.read_winners], 8 * area());
+    recorder.copy(m[ids.inverse], m[ids.read_inverse], 4 * area());
+    recorder.host_read({&m[ids.read_winners], &m[ids.read_inverse]});
+    recorder.finish();
+  }
+
+  DepthMap compute(const ImageView& reference, const Camera& camera, std::span<const DepthSource> sources,
+                   const DepthRange& range, const Features& priors) {
+    check(reference, camera, sources);
+    range.check();
+    shaders::DepthPush push{};
+    push.width = static_cast<uint32_t>(plan.width), push.height = static_cast<uint32_t>(plan.height);
+    push.words = words, push.views = static_cast<uint32_t>(sources.size());
+    push.first = static_cast<float>(1 / range.far);
+    push.step = static_cast<float>((1 / range.near - 1 / range.far) / (plan.planes - 1));
+    if (!(push.step > 0) || !std::isfinite(push.step))
+      fail("a range of depth from " + std::to_string(range.near) + " to " + std::to_string(range.far) +
+           " m is too narrow or too near for single precision");
+    push.p1 = static_cast<uint32_t>(options.p1), push.p2 = static_cast<uint32_t>(options.p2);
+    push.edge = static_cast<float>(options.edge), push.uniqueness = static_cast<float>(options.uniqueness);
+    push.tolerance = static_cast<float>(options.tolerance), push.iterations = static_cast<uint32_t>(options.iterations);
+
+    auto* views = memory[ids.views].as<shaders::DepthViews>();
+    *views = {};
+    write(memory[ids.grey], 0, reference);
+    for (size_t i = 0; i < sources.size(); ++i) {
+      write(memory[ids.grey], i + 1, sources[i].image);
+      views->view[i] = view_of(camera, sources[i]);
+    }
+    write_priors(priors, push);
+    record(push);
+    submission.end();
+    submission.submit_and_wait();
+    timer.collect();
+
+    DepthMap map{Map(plan.width, plan.height), Map(plan.width, plan.height)};
+    std::memcpy(map.inverse_depth.data.data(), memory[ids.read_inverse].mapped, 4 * area());
+    const float step = static_cast<float>(options.speckle_step) * push.step;
+    if (options.speckle > 0) internal::drop_speckles(map.inverse_depth.data, plan.width, options.speckle, step);
+    const float* winners = memory[ids.read_winners].as<float>();
+    size_t valid = 0;
+    for (size_t i = 0; i < area(); ++i) {
+      float& w = map.inverse_depth.data[i];
+      if (!(w > 0)) w = 0;
+      map.confidence.data[i] = w > 0 ? winners[2 * i + 1] : 0.0f;
+      valid += w > 0;
+    }
+    map.valid = static_cast<double>(valid) / static_cast<double>(area());
+    return map;
+  }
+
+  /// Copies a buffer of the device to the host, with memory of its own.
+  template <class T>
+  std::vector<T> read(BufferId id, size_t bytes) const {
+    engine::MemoryPlan plan_of_one;
+    const BufferId copy = plan_of_one.add("depth to look at", bytes, MemoryKind::readback, BufferUse::transfer);
+    const engine::Workspace host(context, plan_of_one);
+    engine::Submission once(context);
+    engine::ArenaSize size;
+    size.sets = 1, size.storage = 1;
+    engine::DescriptorArena none(context, size);
+    engine::Recorder recorder(once, none);
+    recorder.copy(memory[id], host[copy], bytes);
+    recorder.host_read({&host[copy]});
+    recorder.finish();
+    once.end();
+    once.submit_and_wait();
+    std::vector<T> out(bytes / sizeof(T));
+    std::memcpy(out.data(), host[copy].mapped, bytes);
+    return out;
+  }
+
+  std::shared_ptr<const engine::Context> context;
+  DepthPlan plan;
+  DepthOptions options;
+  engine::MemoryPlan layout;
+  Buffers ids;
+  engine::Workspace memory;
+  uint32_t words;
+  engine::Kernel census, cost, path, winner, consistent, polish;
+  std::unique_ptr<engine::DescriptorArena> arena;
+  engine::Submission submission;
+  engine::StageTimer timer;
+};
+
+DepthSweep::DepthSweep(std::shared_ptr<const engine::Context> context, const DepthPlan& plan, const DepthOptions& options)
+    : impl_(std::make_unique<Impl>(std::move(context), plan, options)) {}
+DepthSweep::~DepthSweep() = default;
+DepthSweep::DepthSweep(DepthSweep&&) noexcept = default;
+DepthSweep& DepthSweep::operator=(DepthSweep&&) noexcept = default;
+
+engine::MemoryBytes DepthSweep::memory(const engine::Context& context, const DepthPlan& plan) {
+  plan.check();
+  engine::MemoryPlan layout;
+  const Buffers buffers(plan, layout);
+  return layout.bytes(context);
+}
+
+DepthMap DepthSweep::compute(const ImageView& reference, const Camera& camera, std::span<const DepthSource> sources,
+                             const DepthRange& range, const Features& priors) {
+  return impl_->compute(reference, camera, sources, range, priors);
+}
+
+const DepthPlan& DepthSweep::plan() const { return impl_->plan; }
+const std::vector<engine::StageTime>& DepthSweep::times() const { return impl_->timer.times(); }
+
+std::vector<uint8_t> DepthSweep::volume() const {
+  return impl_->read<uint8_t>(impl_->ids.costs, impl_->area() * static_cast<size_t>(impl_->plan.planes));
+}
+std::vector<uint8_t> DepthSweep::path(int index) const {
+  return impl_->read<uint8_t>(impl_->ids.paths[index], impl_->area() * static_cast<size_t>(impl_->plan.planes));
+}
+std::vector<uint32_t> DepthSweep::census() const {
+  return impl_->read<uint32_t>(impl_->ids.census, 4 * impl_->area() * (static_cast<size_t>(impl_->plan.views) + 1));
+}
+std::vector<float> DepthSweep::planes() const { return impl_->read<float>(impl_->ids.planes, 4 * impl_->area()); }
+
+}  // namespace iclk

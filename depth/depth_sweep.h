@@ -1,0 +1,70 @@
+#pragma once
+#include <memory>
+#include <span>
+#include <vector>
+
+#include <iclk/align/camera.h>
+#include <iclk/align/features.h>
+#include <iclk/align/image.h>
+#include <iclk/align/pyramid.h>
+#include <iclk/align/se3.h>
+#include <iclk/depth/depth_options.h>
+#include <iclk/engine/context.h>
+#include <iclk/engine/memory.h>
+#include <iclk/engine/timing.h>
+
+namespace iclk {
+
+/// An image beside the reference.
+struct DepthSource {
+  ImageView image;
+  Camera camera;
+  SE3 T_10;  ///< takes points of the reference's camera to this one, X_1 = T_10 X_0; metres
+};
+
+/// Of the reference's pixels.
+struct DepthMap {
+  Map inverse_depth;  ///< 1/m; 0: none
+  Map confidence;     ///< share by which the second best plane is worse, 0 to 1; 0 where there is no inverse depth
+  double valid = 0;   ///< share of pixels that have an inverse depth
+};
+
+/// A dense depth map of a reference image from views whose poses are known, on a Vulkan device: plane sweep, semi-global
+/// matching, consistency between views, refinement between planes. Nothing is rectified. docs/depth.md says how.
+/// One thread at a time.
+class DepthSweep {
+ public:
+  /// Allocates everything. Throws Error(invalid_argument) of DepthPlan::check() and DepthOptions::check(), Error(unsupported)
+  /// with the numbers for what the device cannot hold, Error(out_of_memory).
+  DepthSweep(std::shared_ptr<const engine::Context> context, const DepthPlan& plan, const DepthOptions& options = {});
+  ~DepthSweep();
+  DepthSweep(DepthSweep&&) noexcept;
+  DepthSweep& operator=(DepthSweep&&) noexcept;
+
+  /// Bytes that a DepthSweep of this plan allocates. Throws as the constructor does, but for memory.
+  static engine::MemoryBytes memory(const engine::Context& context, const DepthPlan& plan);
+
+  /// Computes and waits. Images have the plan's size, sources are 1 to DepthPlan::views. `priors` may be empty; those outside
+  /// the image, and those whose inverse depth is not positive and finite, are passed over. Throws Error(invalid_argument) that
+  /// names the image: another size, an invalid camera, a pose that is not finite or does not move the camera;
+  /// Error(device_lost).
+  DepthMap compute(const ImageView& reference, const Camera& camera, std::span<const DepthSource> sources,
+                   const DepthRange& range, const Features& priors = {});
+
+  const DepthPlan& plan() const;
+  /// Device time by stage, summed over the calls.
+  const std::vector<engine::StageTime>& times() const;
+
+  /// What the stages left of the last compute(), for tests: costs or the sums of a path (a byte a plane), signatures of the
+  /// census (reference first), planes before the refinement (-1: none).
+  std::vector<uint8_t> volume() const;
+  std::vector<uint8_t> path(int index) const;
+  std::vector<uint32_t> census() const;
+  std::vector<float> planes() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace iclk
