@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
 #include <iclk/engine/error.h>
@@ -14,15 +15,19 @@
 namespace iclk {
 namespace {
 
+constexpr double kStereoSigma = 0.5;  // px of disparity
+
 struct TrackCommand {
   TrackRunOptions run;
   bool peers = false;
-  std::string camera, distortion, solver = "device", readout = "0", depth_sigma = "structured-light";
+  std::string camera, distortion, solver = "device", readout = "0", depth_sigma;
 };
 
 const char* const kFooter =
     "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or\n"
-    "depths whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. With\n"
+    "depths whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. Or it is\n"
+    "a stereo recording in EuRoC's layout (cam0, cam1 with data.csv and sensor.yaml; mav0): the rectified pairs give the\n"
+    "depth, and the camera is the rectified left one. With\n"
     "groundtruth.txt the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT\n"
     "beside it. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
     "\n"
@@ -43,7 +48,11 @@ void run_track(const TrackCommand& command) {
   if (!command.camera.empty()) options.frames.camera = load_camera(command.camera);
   if (!command.distortion.empty()) options.frames.distortion = parse_distortion(command.distortion);
   options.solver = parse_solver(command.solver);
-  const DepthSigma sigma = parse_depth_sigma(command.depth_sigma);
+  RecordedFrames frames(options.frames);
+  std::string noise = command.depth_sigma;
+  if (noise.empty())
+    noise = frames.stereo() ? fmt::format("stereo:{},{}", kStereoSigma, frames.stereo()->baseline()) : "structured-light";
+  const DepthSigma sigma = parse_depth_sigma(noise);
   options.tracker.depth_noise = {sigma.constant, sigma.relative};
   if (command.readout != "auto") {
     const auto ms = to_number(command.readout);
@@ -51,7 +60,6 @@ void run_track(const TrackCommand& command) {
     options.tracker.readout = *ms / 1000;
   }
   options.tracker.check();
-  RecordedFrames frames(options.frames);
   if (sigma.disparity > 0) options.tracker.depth_noise.constant += sigma.disparity / std::abs(frames.camera().fx);
   ProgressBar bar;
   auto start = std::chrono::steady_clock::now();
@@ -93,10 +101,10 @@ void add_track(CLI::App& app) {
   command->add_option("--distortion", options->distortion,
                       "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's");
   command->add_option("--depth-scale", frames.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
-  command
-      ->add_option("--depth-sigma", options->depth_sigma,
-                   "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%")
-      ->capture_default_str();
+  command->add_option("--depth-sigma", options->depth_sigma,
+                      "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%; "
+                      "default: structured-light; of a "
+                      "stereo recording, half a pixel");
   command->add_option("--first", frames.first, "Frame to begin with")->capture_default_str()->check(CLI::NonNegativeNumber);
   command->add_option("--frames", frames.count, "Frames, at most; 0: all")
       ->capture_default_str()

@@ -136,6 +136,7 @@ void list_folders(const fs::path& root, double rate, Sequence& sequence) {
     sequence.frames.push_back({timed ? *time_of(stem) : static_cast<double>(i) / rate,
                                files[i].string(),
                                depth == depth_of.end() ? "" : depth->second,
+                               {},
                                {}});
   }
   if (!any_depth)
@@ -150,7 +151,7 @@ void list_tum(const fs::path& root, double max_difference, Sequence& sequence) {
   const std::vector<int> match = associate(images, depths, max_difference);
   for (size_t i = 0; i < images.size(); ++i)
     sequence.frames.push_back(
-        {images[i].stamp, images[i].path, match[i] < 0 ? "" : depths[static_cast<size_t>(match[i])].path, {}});
+        {images[i].stamp, images[i].path, match[i] < 0 ? "" : depths[static_cast<size_t>(match[i])].path, {}, {}});
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <iclk/align/se3.h>
 
 #include "apps/io/camera_file.h"
+#include "apps/io/stereo_file.h"
 
 namespace iclk {
 
@@ -13,12 +14,14 @@ struct SequenceFrame {
   double stamp = 0;          ///< of the colour image, seconds
   std::string image, depth;  ///< paths that can be opened; depth is empty where none lies near in time
   std::optional<SE3> T_wc;   ///< camera to world at the colour image's time, interpolated; nothing outside the ground truth
+  std::string right;         ///< of a stereo recording: the right image, in place of a depth image
 };
 
 /// A recording, with its groundtruth.txt and camera.txt where they exist.
 struct Sequence {
   std::string folder;
   std::optional<CameraFile> camera;   ///< of camera.txt
+  std::optional<StereoFile> rig;      ///< of a stereo recording
   std::vector<SequenceFrame> frames;  ///< in order of time
 };
 

@@ -118,6 +118,7 @@ StereoFile load_euroc(const std::string& folder) {
     T_BS[i] = pose_of(yaml, "T_BS", "camera " + path);
   }
   file.T_rl = T_BS[1].inverse() * T_BS[0];
+  file.T_bl = T_BS[0];
   return file;
 }
 

@@ -15,6 +15,7 @@ struct StereoFile {
   Format format = Format::kalibr;
   CameraFile left, right;
   SE3 T_rl;  ///< left camera to right camera
+  SE3 T_bl;  ///< left camera to body; identity where the format has none
   /// Files as they were read: the name under which a new one is written, and the text. EuRoC: cam0/sensor.yaml, cam1/...
   std::vector<std::pair<std::string, std::string>> files;
 };

@@ -4,14 +4,27 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/io/euroc.h"
 #include "apps/io/images.h"
 
 namespace iclk {
 
-RecordedFrames::RecordedFrames(const FramesOptions& options)
-    : sequence_(load_sequence(options.folder, {.rate = options.rate})) {
-  if (!options.camera && !sequence_.camera) throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
-  const CameraFile file = options.camera ? *options.camera : *sequence_.camera;
+namespace {
+
+Sequence load_recording(const FramesOptions& options) {
+  const auto euroc = euroc_root(options.folder);
+  return euroc ? load_euroc_sequence(*euroc) : load_sequence(options.folder, {.rate = options.rate});
+}
+
+}  // namespace
+
+RecordedFrames::RecordedFrames(const FramesOptions& options) : sequence_(load_recording(options)) {
+  if (!options.camera && !sequence_.camera && !sequence_.rig)
+    throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
+  if (sequence_.rig && (options.camera || options.distortion))
+    throw Error(ErrorCode::invalid_argument,
+                options.folder + " is a stereo recording with sensor.yaml: --camera and --distortion do not go with it");
+  const CameraFile file = options.camera ? *options.camera : sequence_.rig ? sequence_.rig->left : *sequence_.camera;
   scale_ = options.depth_scale > 0 ? options.depth_scale : file.depth_scale;
   distortion_ = options.distortion.value_or(file.distortion);
   const int end = static_cast<int>(sequence_.frames.size());
@@ -26,6 +39,13 @@ RecordedFrames::RecordedFrames(const FramesOptions& options)
     throw Error(ErrorCode::invalid_argument, options.folder + " has " + std::to_string(end) + " frames, none of them from " +
                                                  std::to_string(options.first) + " on");
   const cv::Mat first = load_image(frame(0).image);
+  if (sequence_.rig) {
+    stereo_.emplace(*sequence_.rig, first.cols, first.rows);
+    camera_ = stereo_->camera();
+    for (SequenceFrame& f : sequence_.frames)
+      if (f.T_wc) f.T_wc = *f.T_wc * stereo_->T_left_rectified();
+    return;
+  }
   camera_ = fit_camera(file, first.cols, first.rows);
   undistorter_.emplace(camera_, distortion_);
 }
@@ -49,6 +69,14 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
     }
   };
   attempt([&] { return load_image(f.image); }, f.image, pixels_.image);
+  if (stereo_) {
+    cv::Mat left = pixels_.image, right;
+    if (left.empty()) return pixels_;
+    attempt([&] { return load_image(f.right); }, f.right, right);
+    pixels_.image = stereo_->rectified(left);
+    if (!right.empty()) pixels_.depth = stereo_->depth(pixels_.image, right);
+    return pixels_;
+  }
   if (!f.depth.empty()) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, pixels_.depth);
   if (masks()) {
     if (!pixels_.image.empty()) pixels_.image = undistorter_->image(pixels_.image);
@@ -60,7 +88,7 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
 TrackFrame RecordedFrames::view_of(int i) const {
   TrackFrame out{.time = time(i), .image = view(pixels_.image), .depth = {}, .mask = {}};
   if (!pixels_.depth.empty()) out.depth = view(pixels_.depth);
-  if (masks()) out.mask = view(undistorter_->seen());
+  if (masks()) out.mask = view(seen());
   return out;
 }
 

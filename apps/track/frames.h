@@ -11,11 +11,12 @@
 #include "apps/io/camera_file.h"
 #include "apps/io/distortion.h"
 #include "apps/io/sequence.h"
+#include "apps/track/stereo_depth.h"
 
 namespace iclk {
 
 struct FramesOptions {
-  std::string folder;                    ///< as load_sequence() takes it
+  std::string folder;                    ///< as load_sequence() takes it, or a stereo recording as EuRoC's
   std::optional<CameraFile> camera;      ///< none: the folder's camera.txt
   std::optional<Distortion> distortion;  ///< none: the camera file's
   double depth_scale = 0;                ///< 0: the camera file's
@@ -34,8 +35,10 @@ class RecordedFrames {
   int doubled() const { return doubled_; }  ///< frames left out: as late as the one before
   const Camera& camera() const { return camera_; }
   const Distortion& distortion() const { return distortion_; }
-  bool masks() const { return !distortion_.empty(); }           ///< pixels that the lens did not see are masked
-  const cv::Mat& seen() const { return undistorter_->seen(); }  ///< CV_8UC1, empty without masks()
+  /// Of a stereo recording, whose camera is the rectified left one.
+  const std::optional<StereoDepth>& stereo() const { return stereo_; }
+  bool masks() const { return stereo_ || !distortion_.empty(); }  ///< pixels that the lens did not see are masked
+  const cv::Mat& seen() const { return stereo_ ? stereo_->seen() : undistorter_->seen(); }  ///< CV_8UC1, empty without masks()
   double time(int i) const { return frame(i).stamp; }
   const std::optional<SE3>& truth(int i) const { return frame(i).T_wc; }
 
@@ -60,6 +63,7 @@ class RecordedFrames {
   Distortion distortion_;
   Camera camera_;
   std::optional<Undistorter> undistorter_;
+  std::optional<StereoDepth> stereo_;
   Pixels pixels_;
 };
 
