@@ -99,6 +99,7 @@ struct Problem {
   bool covariance(Matrix6d& C, double& inflation) const {
     Matrix6d A = Matrix6d::Zero(), M = Matrix6d::Zero();
     std::map<int, Vector6d> scores;
+    Eigen::Matrix<double, 6, 3> shared = Eigen::Matrix<double, 6, 3>::Zero();  // scores of errors of one deviation in all
     for (const Used& u : used) {
       const Eigen::Vector3d p = point(u);
       if (!(p.z() > internal::kLeastDepth)) continue;
@@ -117,7 +118,12 @@ struct Problem {
       const Vector6d Jtq = w * w * J.transpose() * Jq;
       A += w * w * J.transpose() * J;
       Vector6d score = w * J.transpose() * r;
+      Eigen::Matrix<double, 2, 3> common;  // whitened residuals: right along u, along v
+      common << options.shared_position * u.W, Eigen::Vector2d::Zero();
+      Eigen::Vector3d common_prior(0, 0, prior > 0 ? options.shared_depth / s.inverse_depth_sigma : 0);
+      shared += w * J.transpose() * common;
       if (qq > 0) {
+        shared -= Jtq / qq * (w * Jq.transpose() * common - common_prior.transpose());
         A -= Jtq * Jtq.transpose() / qq;
         score -= Jtq / qq * (w * Jq.dot(r) + prior * (u.q - u.q0));
       }
@@ -146,7 +152,8 @@ struct Problem {
       for (const auto& [pair, score] : scores) by_pairs += score * score.transpose();
       inflation = std::max(1.0, pairs / (pairs - 1) * (M.ldlt().solve(by_pairs)).trace() / 6);
     }
-    C *= inflation;
+    const Eigen::Matrix<double, 6, 3> moved = inverse * shared;
+    C = (inflation * C + moved * moved.transpose()).eval();
     C = 0.5 * (C + C.transpose()).eval();
     return C.allFinite();
   }
@@ -170,6 +177,8 @@ void RigAdjustOptions::check() const {
   check_range("rig cauchy_scale", cauchy_scale, 1e-3, 1e6);
   check_range("rig inlier_distance", inlier_distance, 1e-3, 1e3);
   check_range("rig iterations", iterations, 1, 10000);
+  check_range("rig shared_position", shared_position, 0, 1e3);
+  check_range("rig shared_depth", shared_depth, 0, 1);
   check_range("rig baseline", baseline, 0, 1e9);
   check_range("rig baseline_sigma", baseline_sigma, 0, 1e9);
 }
