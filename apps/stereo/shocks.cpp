@@ -1,4 +1,5 @@
 // The figures of docs/stereo.md: a rendered rig, knocked or bending, by iclk::rig and by SIFT with the same adjustment.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <random>
@@ -6,6 +7,7 @@
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>

@@ -1,5 +1,7 @@
 // iclk stereo as a user runs it: rendered rigs with lenses of their own, formats there and back, what goes wrong.
+#include <cmath>
 #include <filesystem>
+#include <functional>
 #include <sstream>
 
 #include <nlohmann/json.hpp>
