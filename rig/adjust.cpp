@@ -117,15 +117,14 @@ struct Problem {
       const double qq = w * w * Jq.squaredNorm() + prior;
       const Vector6d Jtq = w * w * J.transpose() * Jq;
       A += w * w * J.transpose() * J;
-      Vector6d score = w * J.transpose() * r;
-      Eigen::Matrix<double, 2, 3> common;  // whitened residuals: right along u, along v
+      const Vector6d score = w * J.transpose() * r;  // what the inverse depth would add is zero at its own optimum
+      Eigen::Matrix<double, 2, 3> common;            // whitened residuals: right along u, along v
       common << options.shared_position * u.W, Eigen::Vector2d::Zero();
       Eigen::Vector3d common_prior(0, 0, prior > 0 ? options.shared_depth / s.inverse_depth_sigma : 0);
       shared += w * J.transpose() * common;
       if (qq > 0) {
         shared -= Jtq / qq * (w * Jq.transpose() * common - common_prior.transpose());
         A -= Jtq * Jtq.transpose() / qq;
-        score -= Jtq / qq * (w * Jq.dot(r) + prior * (u.q - u.q0));
       }
       M += score * score.transpose();
       auto [at, first] = scores.try_emplace(s.pair, Vector6d::Zero());
