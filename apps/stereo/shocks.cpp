@@ -237,7 +237,7 @@ void shocks(World& world, const Settings& settings) {
     fmt::print(
         "\nshock of {} degrees and {} mm, epipolar error before {:.2f} px; said to have moved: {}; NEES / 6: {:.2f}\n\n"
         "| | rotation, degrees, median / max | t, mm | epipolar, px | <= 0.02 degrees and 0.2 px |\n|---|---|---|---|---|\n",
-        degrees, before, moved, nees);
+        degrees, degrees > 0 ? 5 : 0, before, moved, nees);
     fmt::print("{}", ours.row("iclk stereo"));
     if (!settings.no_peer) fmt::print("{}", sift.row("SIFT, essential matrix, the same adjustment"));
     std::fflush(stdout);
