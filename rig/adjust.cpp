@@ -15,74 +15,12 @@
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/rig/internal/costs.h>
 
 namespace iclk {
 namespace {
 
-constexpr double kLeastDepth = 1e-3;  // of a point in the right camera, times its inverse depth
-constexpr int kLeast = 8;             // sightings
-
-/// W (project_r(R ray + q t) - uv).
-class SightingCost final : public ceres::SizedCostFunction<2, 12, 1> {
- public:
-  SightingCost(const Camera& right, const Eigen::Vector3d& ray, const Eigen::Vector2d& uv, const Eigen::Matrix2d& W)
-      : right_(right), ray_(ray), uv_(uv), W_(W) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const SE3 T = internal::to_pose(parameters[0]);
-    const double q = parameters[1][0];
-    const Eigen::Vector3d p = T.R * ray_ + q * T.t;
-    if (!(p.z() > kLeastDepth)) return false;
-    Eigen::Map<Eigen::Vector2d>{residuals} = W_ * (right_.project(p) - uv_);
-    if (!jacobians) return true;
-    const Eigen::Matrix<double, 2, 3> J = W_ * right_.project_jacobian(p);
-    if (jacobians[0]) {
-      Eigen::Map<Eigen::Matrix<double, 2, 12, Eigen::RowMajor>> to(jacobians[0]);
-      for (int k = 0; k < 3; ++k) to.block<2, 3>(0, 3 * k) = ray_[k] * J;
-      to.block<2, 3>(0, 9) = q * J;
-    }
-    if (jacobians[1]) Eigen::Map<Eigen::Vector2d>{jacobians[1]} = J * T.t;
-    return true;
-  }
-
- private:
-  Camera right_;
-  Eigen::Vector3d ray_;
-  Eigen::Vector2d uv_;
-  Eigen::Matrix2d W_;
-};
-
-class DepthCost final : public ceres::SizedCostFunction<1, 1> {
- public:
-  DepthCost(double mean, double sigma) : mean_(mean), weight_(1 / sigma) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    residuals[0] = weight_ * (parameters[0][0] - mean_);
-    if (jacobians && jacobians[0]) jacobians[0][0] = weight_;
-    return true;
-  }
-
- private:
-  double mean_, weight_;
-};
-
-class BaselineCost final : public ceres::SizedCostFunction<1, 12> {
- public:
-  BaselineCost(double length, double sigma) : length_(length), weight_(1 / sigma) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const Eigen::Map<const Eigen::Vector3d> t(parameters[0] + 9);
-    const double norm = t.norm();
-    if (!(norm > 0)) return false;
-    residuals[0] = weight_ * (norm - length_);
-    if (jacobians && jacobians[0]) {
-      Eigen::Map<Eigen::Matrix<double, 1, 12>> to(jacobians[0]);
-      to.setZero();
-      to.tail<3>() = weight_ / norm * t.transpose();
-    }
-    return true;
-  }
-
- private:
-  double length_, weight_;
-};
+constexpr int kLeast = 8;  // sightings
 
 /// A sighting that takes part, by its index.
 struct Used {
@@ -111,14 +49,15 @@ struct Problem {
     ordering->AddElementToGroup(pose.data(), 1);
     for (Used& u : used) {
       const RigSighting& s = sightings[u.index];
-      problem.AddResidualBlock(new SightingCost(right, u.ray, s.right, u.W), new ceres::CauchyLoss(options.cauchy_scale),
-                               pose.data(), &u.q);
+      problem.AddResidualBlock(new internal::SightingCost(right, u.ray, s.right, u.W),
+                               new ceres::CauchyLoss(options.cauchy_scale), pose.data(), &u.q);
       problem.SetParameterLowerBound(&u.q, 0, 1e-4 * u.q0);
-      if (s.inverse_depth_sigma > 0) problem.AddResidualBlock(new DepthCost(u.q0, s.inverse_depth_sigma), nullptr, &u.q);
+      if (s.inverse_depth_sigma > 0)
+        problem.AddResidualBlock(new internal::DepthCost(u.q0, s.inverse_depth_sigma), nullptr, &u.q);
       ordering->AddElementToGroup(&u.q, 0);
     }
     if (options.baseline_sigma > 0)
-      problem.AddResidualBlock(new BaselineCost(options.baseline, options.baseline_sigma), nullptr, pose.data());
+      problem.AddResidualBlock(new internal::BaselineCost(options.baseline, options.baseline_sigma), nullptr, pose.data());
     ceres::Solver::Options solver = internal::solver_options(options.iterations);
     solver.linear_solver_type = ceres::DENSE_SCHUR;
     solver.linear_solver_ordering = ordering;
@@ -135,7 +74,7 @@ struct Problem {
   Eigen::Vector3d point(const Used& u) const { return T.R * u.ray + u.q * T.t; }
   Eigen::Vector2d residual(const Used& u) const {
     const Eigen::Vector3d p = point(u);
-    if (!(p.z() > kLeastDepth)) return Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
+    if (!(p.z() > internal::kLeastDepth)) return Eigen::Vector2d::Constant(std::numeric_limits<double>::infinity());
     return right.project(p) - sightings[u.index].right;
   }
 
@@ -160,9 +99,10 @@ struct Problem {
   bool covariance(Matrix6d& C, double& inflation) const {
     Matrix6d A = Matrix6d::Zero(), M = Matrix6d::Zero();
     std::map<int, Vector6d> scores;
+    Eigen::Matrix<double, 6, 3> shared = Eigen::Matrix<double, 6, 3>::Zero();  // scores of errors of one deviation in all
     for (const Used& u : used) {
       const Eigen::Vector3d p = point(u);
-      if (!(p.z() > kLeastDepth)) continue;
+      if (!(p.z() > internal::kLeastDepth)) continue;
       const RigSighting& s = sightings[u.index];
       const Eigen::Vector2d r = u.W * residual(u);
       const double w = 1 / (1 + r.squaredNorm() / (options.cauchy_scale * options.cauchy_scale));
@@ -177,10 +117,14 @@ struct Problem {
       const double qq = w * w * Jq.squaredNorm() + prior;
       const Vector6d Jtq = w * w * J.transpose() * Jq;
       A += w * w * J.transpose() * J;
-      Vector6d score = w * J.transpose() * r;
+      const Vector6d score = w * J.transpose() * r;  // what the inverse depth would add is zero at its own optimum
+      Eigen::Matrix<double, 2, 3> common;            // whitened residuals: right along u, along v
+      common << options.shared_position * u.W, Eigen::Vector2d::Zero();
+      Eigen::Vector3d common_prior(0, 0, prior > 0 ? options.shared_depth / s.inverse_depth_sigma : 0);
+      shared += w * J.transpose() * common;
       if (qq > 0) {
+        shared -= Jtq / qq * (w * Jq.transpose() * common - common_prior.transpose());
         A -= Jtq * Jtq.transpose() / qq;
-        score -= Jtq / qq * (w * Jq.dot(r) + prior * (u.q - u.q0));
       }
       M += score * score.transpose();
       auto [at, first] = scores.try_emplace(s.pair, Vector6d::Zero());
@@ -207,7 +151,8 @@ struct Problem {
       for (const auto& [pair, score] : scores) by_pairs += score * score.transpose();
       inflation = std::max(1.0, pairs / (pairs - 1) * (M.ldlt().solve(by_pairs)).trace() / 6);
     }
-    C *= inflation;
+    const Eigen::Matrix<double, 6, 3> moved = inverse * shared;
+    C = (inflation * C + moved * moved.transpose()).eval();
     C = 0.5 * (C + C.transpose()).eval();
     return C.allFinite();
   }
@@ -231,6 +176,8 @@ void RigAdjustOptions::check() const {
   check_range("rig cauchy_scale", cauchy_scale, 1e-3, 1e6);
   check_range("rig inlier_distance", inlier_distance, 1e-3, 1e3);
   check_range("rig iterations", iterations, 1, 10000);
+  check_range("rig shared_position", shared_position, 0, 1e3);
+  check_range("rig shared_depth", shared_depth, 0, 1);
   check_range("rig baseline", baseline, 0, 1e9);
   check_range("rig baseline_sigma", baseline_sigma, 0, 1e9);
 }
@@ -250,7 +197,7 @@ RigAdjustment adjust_rig(const Camera& left, const Camera& right, std::span<cons
     const Eigen::Vector3d ray = left.ray(s.left);
     const double q = s.inverse_depth;
     if (!(q > 0) || !std::isfinite(q) || !ray.allFinite() || !s.right.allFinite() || !s.covariance.allFinite() ||
-        !((T_rl.R * ray + q * T_rl.t).z() > 2 * kLeastDepth) || !std::isfinite(s.inverse_depth_sigma))
+        !((T_rl.R * ray + q * T_rl.t).z() > 2 * internal::kLeastDepth) || !std::isfinite(s.inverse_depth_sigma))
       continue;
     problem.used.push_back({i, ray, q, q, Eigen::Matrix2d::Identity()});
   }

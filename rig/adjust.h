@@ -24,6 +24,10 @@ struct RigAdjustOptions {
   int iterations = 50;
   double baseline = 0, baseline_sigma = 0;  ///< prior on the length of t; sigma 0: none
 
+  /// Errors that all features share do not average out, and are allowed for in the covariance alone (consider parameters):
+  double shared_position = 0.02;  ///< px, of all positions in the right image, each way: principal points, patches on slopes
+  double shared_depth = 0.5;      ///< of the deviations of the inverse depths: so much of them is common to all
+
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
 };
@@ -44,9 +48,9 @@ struct RigAdjustment {
 ///   min sum rho(|W (project_r(R ray_l + q t) - uv_r)|^2) + sum ((q - q0) / sigma_q)^2 + ((|t| - baseline) / baseline_sigma)^2
 ///
 /// The floor of W is found from the residuals across the epipolar lines. The covariance is the sandwich of the M-estimator, by
-/// features, and multiplied where the sums over pairs scatter more than the features' scores allow. Unusable: fewer than 8
-/// sightings in front of both cameras, or they do not determine T_rl (with unknown depths and no prior, its length).
-/// Throws Error(invalid_argument) for bad options, cameras, a start that is not finite, pair < 0.
+/// features, and multiplied where the sums over pairs scatter more than the features' scores allow; shared errors are added.
+/// Unusable: fewer than 8 sightings in front of both cameras, or they do not determine T_rl (with unknown depths and no prior,
+/// its length). Throws Error(invalid_argument) for bad options, cameras, a start that is not finite, pair < 0.
 RigAdjustment adjust_rig(const Camera& left, const Camera& right, std::span<const RigSighting> sightings, const SE3& T_rl,
                          const RigAdjustOptions& options = {});
 

@@ -7,81 +7,15 @@
 
 #include <ceres/ceres.h>
 #include <Eigen/Cholesky>
-#include <Eigen/LU>
 
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/rig/common_pose.h>
+#include <iclk/rig/internal/costs.h>
 
 namespace iclk {
 namespace {
-
-using State = Eigen::Matrix<double, 12, 1>;  // xi, velocity
-using Matrix12d = Eigen::Matrix<double, 12, 12>;
-
-/// W Log(T_measured^-1 mean Exp(xi)).
-class MeasurementCost final : public ceres::SizedCostFunction<6, 12> {
- public:
-  MeasurementCost(const FlexMeasurement& m, const SE3& mean) : T_(m.T_rl.inverse() * mean) {
-    const Matrix6d information = m.covariance.inverse();
-    W_ = information.llt().matrixU();
-  }
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const Vector6d xi = Eigen::Map<const Vector6d>(parameters[0]);
-    const Vector6d e = (T_ * SE3::exp(xi)).log();
-    Eigen::Map<Vector6d>{residuals} = W_ * e;
-    if (!jacobians || !jacobians[0]) return true;
-    Eigen::Map<Eigen::Matrix<double, 6, 12, Eigen::RowMajor>> to(jacobians[0]);
-    to.setZero();
-    to.leftCols<6>() = W_ * inverse_right_jacobian(e) * inverse_right_jacobian(xi).inverse();
-    return true;
-  }
-
- private:
-  SE3 T_;
-  Matrix6d W_;
-};
-
-/// W [xi_1 - xi_0 - dt v_0; v_1 - v_0], the covariance of white acceleration over dt.
-class MotionCost final : public ceres::SizedCostFunction<12, 12, 12> {
- public:
-  MotionCost(double dt, const Vector6d& density) {
-    F_.setIdentity();
-    F_.topRightCorner<6, 6>().diagonal().setConstant(dt);
-    for (int k = 0; k < 6; ++k) {
-      Eigen::Matrix2d Q;
-      Q << dt * dt * dt / 3, dt * dt / 2, dt * dt / 2, dt;
-      const Eigen::Matrix2d information = (Q * density[k]).inverse(), U = information.llt().matrixU();
-      W_(k, k) = U(0, 0), W_(k, k + 6) = U(0, 1), W_(k + 6, k + 6) = U(1, 1);
-    }
-  }
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    Eigen::Map<State>{residuals} = W_ * (Eigen::Map<const State>(parameters[1]) - F_ * Eigen::Map<const State>(parameters[0]));
-    using Block = Eigen::Matrix<double, 12, 12, Eigen::RowMajor>;
-    if (jacobians && jacobians[0]) Eigen::Map<Block>{jacobians[0]} = -W_ * F_;
-    if (jacobians && jacobians[1]) Eigen::Map<Block>{jacobians[1]} = W_;
-    return true;
-  }
-
- private:
-  Matrix12d F_, W_ = Matrix12d::Zero();
-};
-
-/// The stated deviations, of position and speed.
-class BoundCost final : public ceres::SizedCostFunction<12, 12> {
- public:
-  explicit BoundCost(const State& sigma) : weight_(sigma.cwiseInverse()) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    Eigen::Map<State>{residuals} = weight_.cwiseProduct(Eigen::Map<const State>(parameters[0]));
-    if (jacobians && jacobians[0])
-      Eigen::Map<Eigen::Matrix<double, 12, 12, Eigen::RowMajor>>{jacobians[0]} = weight_.asDiagonal().toDenseMatrix();
-    return true;
-  }
-
- private:
-  State weight_;
-};
 
 void check(std::span<const FlexMeasurement> measurements) {
   const auto fail = [](size_t i, const char* what) {
@@ -111,6 +45,7 @@ FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const Flex
   options.check();
   check(measurements);
   FlexResult result;
+  using internal::State;
   State sigma;
   sigma.head<3>().setConstant(options.translation);
   sigma.segment<3>(3).setConstant(options.rotation);
@@ -133,13 +68,13 @@ FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const Flex
     if (m.valid) last = (result.mean.inverse() * m.T_rl).log();
     states[i].head<6>() = last;
     problem.AddParameterBlock(states[i].data(), 12);
-    problem.AddResidualBlock(new BoundCost(3 * sigma), nullptr, states[i].data());
+    problem.AddResidualBlock(new internal::BoundCost(3 * sigma), nullptr, states[i].data());
     if (m.valid)
-      problem.AddResidualBlock(new MeasurementCost(m, result.mean),
+      problem.AddResidualBlock(new internal::MeasurementCost(m.T_rl, m.covariance, result.mean),
                                new ceres::CauchyLoss(std::sqrt(6.0) * options.cauchy_scale), states[i].data());
     if (i > 0)
-      problem.AddResidualBlock(new MotionCost(m.time - measurements[i - 1].time, density), nullptr, states[i - 1].data(),
-                               states[i].data());
+      problem.AddResidualBlock(new internal::MotionCost(m.time - measurements[i - 1].time, density), nullptr,
+                               states[i - 1].data(), states[i].data());
   }
   ceres::Solver::Options solver = internal::solver_options(options.iterations);
   solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;

@@ -1,3 +1,7 @@
+#include <chrono>
+#include <cmath>
+#include <memory>
+
 #include <spdlog/spdlog.h>
 
 #include "apps/batch/progress.h"

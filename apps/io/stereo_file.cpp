@@ -1,5 +1,6 @@
 #include "apps/io/stereo_file.h"
 
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 

@@ -1,6 +1,8 @@
 #include "apps/stereo/output.h"
 
+#include <algorithm>
 #include <cmath>
+#include <vector>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>

@@ -1,4 +1,5 @@
 // The figures of docs/stereo.md: a rendered rig, knocked or bending, by iclk::rig and by SIFT with the same adjustment.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <random>
@@ -6,6 +7,7 @@
 #include <fmt/format.h>
 #include <CLI/CLI.hpp>
 #include <Eigen/Geometry>
+#include <Eigen/LU>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -29,6 +31,7 @@ const SE3 kRest{Eigen::Matrix3d::Identity(), {-1.5, 0, 0}};
 struct Settings {
   int draws = 50, pairs = 20, frames = 60, features = 200;
   double rate = 30;
+  std::vector<double> degrees = {1, 3};
   bool no_peer = false;
   std::string device;
 };
@@ -205,13 +208,13 @@ void shocks(World& world, const Settings& settings) {
   const auto aligner = world.aligner(settings.pairs);
   fmt::print("{} draws of {} pairs, {}x{}, {} features, {}\n", settings.draws, settings.pairs, kCamera.width, kCamera.height,
              settings.features, world.device());
-  for (const double degrees : {1.0, 3.0}) {
+  for (const double degrees : settings.degrees) {
     Column ours, sift;
     int moved = 0;
     double nees = 0, before = 0;
     for (int d = 0; d < settings.draws; ++d) {
       Vector6d xi;
-      xi << 0.005 * direction(random), degrees * kDegree * direction(random);
+      xi << (degrees > 0 ? 0.005 : 0) * direction(random), degrees * kDegree * direction(random);
       const SE3 truth = kRest * SE3::exp(xi);
       std::vector<cv::Mat> rights;
       std::vector<RigPair> pairs;
@@ -232,9 +235,9 @@ void shocks(World& world, const Settings& settings) {
       sift.add(lefts, truth, T, found);
     }
     fmt::print(
-        "\nshock of {} degrees and 5 mm, epipolar error before {:.2f} px; said to have moved: {}; NEES / 6: {:.2f}\n\n"
+        "\nshock of {} degrees and {} mm, epipolar error before {:.2f} px; said to have moved: {}; NEES / 6: {:.2f}\n\n"
         "| | rotation, degrees, median / max | t, mm | epipolar, px | <= 0.02 degrees and 0.2 px |\n|---|---|---|---|---|\n",
-        degrees, before, moved, nees);
+        degrees, degrees > 0 ? 5 : 0, before, moved, nees);
     fmt::print("{}", ours.row("iclk stereo"));
     if (!settings.no_peer) fmt::print("{}", sift.row("SIFT, essential matrix, the same adjustment"));
     std::fflush(stdout);
@@ -293,6 +296,7 @@ int main(int argc, char** argv) {
   app.add_option("--draws", settings.draws, "Shocks of each size")->capture_default_str()->check(CLI::PositiveNumber);
   app.add_option("--pairs", settings.pairs, "Pairs a shock")->capture_default_str()->check(CLI::PositiveNumber);
   app.add_option("--frames", settings.frames, "Of each bending rig")->capture_default_str()->check(CLI::PositiveNumber);
+  app.add_option("--degrees", settings.degrees, "Shocks, of 5 mm too; 0: the rig stands still")->capture_default_str();
   app.add_flag("--no-peer", settings.no_peer, "Without SIFT");
   app.add_option("--device", settings.device, "Vulkan device");
   CLI11_PARSE(app, argc, argv);

@@ -1,9 +1,12 @@
 // iclk stereo as a user runs it: rendered rigs with lenses of their own, formats there and back, what goes wrong.
+#include <cmath>
 #include <filesystem>
+#include <functional>
 #include <sstream>
 
 #include <nlohmann/json.hpp>
 #include <opencv2/calib3d.hpp>
+#include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include "apps/io/stereo_file.h"
@@ -157,6 +160,47 @@ TEST_F(Stereo, ARigThatBends) {
     EXPECT_LT((pose_from_tum(&n[1], "series").inverse() * bend(count)).angle(), 0.15 * kDegree) << count;
   }
   EXPECT_EQ(count, 6);
+}
+
+/// Middlebury's motorcycle with depths from a stereo matcher by its own calibration, the right image turned by a homography.
+TEST_F(Stereo, AMotorcycleWhoseRightCameraWasTurned) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("middlebury_motorcycle");
+  if (data.empty()) GTEST_SKIP() << "no middlebury_motorcycle in ICLK_DATA or ../shared/data";
+  const Folder own;
+  const cv::Mat left = cv::imread(data + "/motorcycle_left.png"), right = cv::imread(data + "/motorcycle_right.png");
+  cv::Mat disparity, depth;
+  cv::StereoSGBM::create(0, 80, 5, 200, 800, 1, 0, 10, 100, 2)->compute(left, right, disparity);
+  disparity.convertTo(depth, CV_32FC1, 1 / 16.0);
+  for (float& d : cv::Mat_<float>(depth)) d = d > 1 ? 994.978f * 0.193001f / (d + 31.086f) : 0;
+  cv::imwrite(own.path("left.png"), left);
+  cv::imwrite(own.path("depth.exr"), depth);
+  const std::string chain =
+      own.write("chain.yaml",
+                "cam0:\n  camera_model: pinhole\n  intrinsics: [994.978, 994.978, 311.193, 254.877]\n  resolution: [741, 500]\n"
+                "cam1:\n  camera_model: pinhole\n  intrinsics: [994.978, 994.978, 342.279, 254.877]\n  resolution: [741, 500]\n"
+                "  T_cn_cnm1: [[1, 0, 0, -0.193001], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]\n");
+  const Eigen::Matrix3d K = (Eigen::Matrix3d() << 994.978, 0, 342.279, 0, 994.978, 254.877, 0, 0, 1).finished();
+  SE3 unturned;
+  for (const double degrees : {0.0, 1.0, 3.0}) {
+    Vector6d xi;
+    xi << 0, 0, 0, degrees * kDegree * Eigen::Vector3d(0.7, -0.4, 0.59).normalized();
+    const SE3 turn = SE3::exp(xi);
+    const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> H = K * turn.R * K.inverse();
+    cv::Mat turned;
+    cv::warpPerspective(right, turned, cv::Mat(3, 3, CV_64F, const_cast<double*>(H.data())), right.size(), cv::INTER_CUBIC);
+    cv::imwrite(own.path("right.png"), turned);
+    own.write("one.jsonl", "{\"left\": \"left.png\", \"right\": \"right.png\", \"depth\": \"depth.exr\"}\n");
+    const std::string out = own.path("out");
+    const Finished f =
+        run({"stereo", own.path("one.jsonl"), "--calibration", chain, "--depth-sigma", "stereo:0.5,0.193", "--out", out});
+    ASSERT_EQ(f.code, 0) << f.err << f.out;
+    EXPECT_EQ(f.out.find("has not moved") == std::string::npos, degrees > 0) << f.out;
+    const SE3 found = load_stereo(out + "/chain.yaml").T_rl;
+    if (degrees == 0) unturned = found;
+    EXPECT_LT((found.inverse() * turn * unturned).angle(), 0.02 * kDegree) << degrees;
+    EXPECT_LT(nlohmann::json::parse(bytes_of(out + "/result.json")).at("epipolar_after_px"), 0.2);
+  }
 }
 
 TEST_F(Stereo, EveryFormatComesBackWithTheNewPoseAndAllElse) {

@@ -94,6 +94,7 @@ TEST(AdjustRig, CovarianceIsThatOfTheErrors) {
     for (int k = 0; k < draws; ++k) {
       std::vector<RigSighting> sightings = world(0.2, 0.02, 100 + static_cast<unsigned>(k));
       RigAdjustOptions options;
+      options.shared_position = options.shared_depth = 0;  // these errors are independent
       std::mt19937 random(static_cast<unsigned>(k));
       if (!metric) {
         for (RigSighting& s : sightings) s.inverse_depth_sigma = 0;
@@ -126,6 +127,28 @@ TEST(AdjustRig, ErrorsThatAPairSharesWidenTheCovariance) {
   }
   EXPECT_LT(alone, 1.4);
   EXPECT_GT(shared, 3);
+}
+
+TEST(AdjustRig, ErrorsThatAllShareAreInTheCovariance) {
+  // All depths too far by one deviation, all positions off by one: the error is one deviation of what was added.
+  for (const bool depth : {true, false}) {
+    std::vector<RigSighting> sightings = world(0, 0.01);
+    const std::vector<RigSighting> exact = world(0, 0);
+    for (size_t i = 0; i < sightings.size(); ++i) {
+      sightings[i].inverse_depth = exact[i].inverse_depth;
+      if (depth) sightings[i].inverse_depth -= 0.5 * sightings[i].inverse_depth_sigma;
+      if (!depth) sightings[i].right += Eigen::Vector2d(0.1, 0);
+    }
+    RigAdjustOptions options;
+    options.shared_position = depth ? 0 : 0.1;
+    options.shared_depth = depth ? 0.5 : 0;
+    const RigAdjustment r = adjust_rig(kLeft, kRight, sightings, true_pose(), options);
+    ASSERT_TRUE(r.usable);
+    const Vector6d e = error_of(r);
+    Eigen::Index worst = 0;
+    e.cwiseAbs().maxCoeff(&worst);
+    EXPECT_NEAR(std::abs(e[worst]) / std::sqrt(r.covariance(worst, worst)), 1, 0.1) << depth;
+  }
 }
 
 TEST(AdjustRig, WrongSightingsCostLittle) {

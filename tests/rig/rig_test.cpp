@@ -1,4 +1,5 @@
 // The whole way on images whose truth is exact: reliefs seen by a rig that was knocked.
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
