@@ -4,7 +4,8 @@
 include(CMakePackageConfigHelpers)
 set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
 
-install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_track EXPORT iclk ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_track EXPORT iclk
+  ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
 foreach(room engine align depth refine track)
   file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
   install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/${room})
