@@ -20,12 +20,13 @@ struct DepthPlan {
 };
 
 struct DepthOptions {
-  int p1 = 10;               ///< penalty where neighbours differ by a plane; costs are 0 to 31 a path
-  int p2 = 120;              ///< where they differ by more
+  int p1 = 7;                ///< penalty where neighbours differ by a plane; costs are 0 to 31 a path
+  int p2 = 60;               ///< where they differ by more
   double edge = 3;           ///< p2 falls by so much a grey level (of 255) of difference, to p1 + 1 at least
-  double uniqueness = 0.02;  ///< share by which the second best plane, not beside the best, must be worse
-  double tolerance = 1;      ///< planes by which views may disagree with the reference
-  int iterations = 3;        ///< of the refinement between planes; 0: none
+  double uniqueness = 0.01;  ///< share by which the second best plane, not beside the best, must be worse
+  double tolerance = 3;      ///< planes by which views may disagree with the reference
+  bool keep_unseen = false;  ///< what lies outside every view keeps the plane that its neighbours suggest
+  int iterations = 2;        ///< of the refinement between planes; 0: none
   int speckle = 100;         ///< connected pixels of fewer are dropped; 0: none
   double speckle_step = 1;   ///< planes between connected neighbours, at most
 
@@ -44,7 +45,7 @@ struct DepthRange {
 /// Planes with which no pixel of the reference moves by more than about `pixels` in any view from a plane to the next, rounded
 /// up to a multiple of 4, at least 8, and at most 256. Preconditions: cameras and range pass check().
 int planes_for(const Camera& reference, std::span<const Camera> cameras, std::span<const SE3> T_10, const DepthRange& range,
-               double pixels = 1);
+               double pixels = 0.7);
 
 /// The range of depths, widened by `margin` (share of inverse depth) to either side. The outermost 1 % of the depths do not
 /// count. Throws Error(invalid_argument) where none is positive and finite.

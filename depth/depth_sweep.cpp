@@ -15,6 +15,7 @@
 #include "census.comp.spv.h"
 #include "consistent.comp.spv.h"
 #include "cost.comp.spv.h"
+#include "median.comp.spv.h"
 #include "path.comp.spv.h"
 #include "polish.comp.spv.h"
 #include "winner.comp.spv.h"
@@ -48,13 +49,14 @@ struct Buffers {
     for (BufferId& path : paths) path = memory.add("path costs", bytes, MemoryKind::device, texels, word);
     winners = memory.add("winners", 8 * area, MemoryKind::device, BufferUse::storage);
     claims = memory.add("claims", 4 * area * (images - 1), MemoryKind::device, BufferUse::storage);
+    raw_planes = memory.add("raw planes", 4 * area, MemoryKind::device, texels, real);
     planes = memory.add("planes", 4 * area, MemoryKind::device, texels, real);
     inverse = memory.add("inverse depth", 4 * area, MemoryKind::device, BufferUse::storage);
     read_winners = memory.add("winners to read", 8 * area, MemoryKind::readback, BufferUse::transfer);
     read_inverse = memory.add("inverse depth to read", 4 * area, MemoryKind::readback, BufferUse::transfer);
   }
-  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], winners, claims, planes, inverse, read_winners,
-      read_inverse;
+  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], winners, claims, raw_planes, planes, inverse,
+      read_winners, read_inverse;
 };
 
 /// The row of K_1 [R K_0^-1 | t] that gives one coordinate of view pixels.
@@ -92,11 +94,12 @@ struct DepthSweep::Impl {
     batch.add(winner, {"winner", winner_comp_spv, sums, push, {kGroup, words}});
     batch.add(consistent,
               {"consistent", consistent_comp_spv, {storage_read, storage_read, uniform, storage_write}, push, {kGroup}});
+    batch.add(median, {"median", median_comp_spv, {texel_read, storage_write}, push, {kGroup}});
     batch.add(polish, {"polish", polish_comp_spv, {texel_read, texel_read, uniform, storage_write}, push, {kGroup}});
     batch.make();
     engine::ArenaSize size;
     size.add(path, ICLK_DEPTH_PATHS);
-    for (const engine::Kernel* kernel : {&census, &cost, &winner, &consistent, &polish}) size.add(*kernel);
+    for (const engine::Kernel* kernel : {&census, &cost, &winner, &consistent, &median, &polish}) size.add(*kernel);
     arena = std::make_unique<engine::DescriptorArena>(context, size);
   }
 
@@ -168,7 +171,9 @@ struct DepthSweep::Impl {
     for (const BufferId id : {ids.views, ids.winners, ids.claims}) sums.push_back(&m[id]);
     recorder.dispatch(winner, sums, std::as_bytes(std::span(&push, 1)), all);
     recorder.stage("consistent");
-    recorder.dispatch(consistent, {&m[ids.winners], &m[ids.claims], &m[ids.views], &m[ids.planes]}, push, all);
+    recorder.dispatch(consistent, {&m[ids.winners], &m[ids.claims], &m[ids.views], &m[ids.raw_planes]}, push, all);
+    recorder.stage("median");
+    recorder.dispatch(median, {&m[ids.raw_planes], &m[ids.planes]}, push, all);
     recorder.stage("polish");
     recorder.dispatch(polish, {&m[ids.grey], &m[ids.planes], &m[ids.views], &m[ids.inverse]}, push, all);
     recorder.stage("download");
@@ -193,6 +198,7 @@ struct DepthSweep::Impl {
     push.p1 = static_cast<uint32_t>(options.p1), push.p2 = static_cast<uint32_t>(options.p2);
     push.edge = static_cast<float>(options.edge), push.uniqueness = static_cast<float>(options.uniqueness);
     push.tolerance = static_cast<float>(options.tolerance), push.iterations = static_cast<uint32_t>(options.iterations);
+    push.keep_unseen = options.keep_unseen;
 
     auto* views = memory[ids.views].as<shaders::DepthViews>();
     *views = {};
@@ -251,7 +257,7 @@ struct DepthSweep::Impl {
   Buffers ids;
   engine::Workspace memory;
   uint32_t words;
-  engine::Kernel census, cost, path, winner, consistent, polish;
+  engine::Kernel census, cost, path, winner, consistent, median, polish;
   std::unique_ptr<engine::DescriptorArena> arena;
   engine::Submission submission;
   engine::StageTimer timer;

@@ -29,6 +29,11 @@ struct DepthMap {
   double valid = 0;   ///< share of pixels that have an inverse depth
 };
 
+/// Gives pixels without an inverse depth one, of what lies around: along eight ways the nearest answers are looked for, and the
+/// second least inverse depth is taken, since what is hidden in the views lies behind what hides it. Their confidence stays 0.
+/// A map without any answer stays as it is.
+void fill(DepthMap& map);
+
 /// A dense depth map of a reference image from views whose poses are known, on a Vulkan device: plane sweep, semi-global
 /// matching, consistency between views, refinement between planes. Nothing is rectified. docs/depth.md says how.
 /// One thread at a time.

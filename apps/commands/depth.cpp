@@ -24,7 +24,7 @@ struct DepthCommand {
   int planes = 0;
   std::string device, out, truth;
   double truth_scale = 0;
-  bool json = false, peers = false, profile = false;
+  bool json = false, fill = false, peers = false, profile = false;
 };
 
 const char* const kFooter =
@@ -71,7 +71,9 @@ void run_depth(const DepthCommand& command) {
   if (const char* wanted = std::getenv("ICLK_DEVICE"); command.device.empty() && wanted) context_options.device = wanted;
   const auto context = engine::create_context(context_options);
   if (context->cpu_unasked()) spdlog::warn("no GPU with Vulkan here: running on {}", context->info().name);
-  DepthSweep sweep(context, plan, command.options);
+  DepthOptions options = command.options;
+  options.keep_unseen = options.keep_unseen || command.fill;
+  DepthSweep sweep(context, plan, options);
   std::vector<DepthSource> sources;
   for (size_t i = 0; i < input.targets.size(); ++i)
     sources.push_back({view(input.targets[i]), input.cameras[i], input.T_10[i]});
@@ -79,10 +81,11 @@ void run_depth(const DepthCommand& command) {
   if (command.peers) sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);  // warm
   const auto start = std::chrono::steady_clock::now();
   const double cpu_before = cpu_seconds();
-  const DepthMap map = sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);
+  DepthMap map = sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);
   const double cpu = cpu_seconds() - cpu_before;
   const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 
+  if (command.fill) fill(map);
   const cv::Mat depth = depth_image(map);
   nlohmann::ordered_json json = {{"schema", "iclk-depth-1"}, {"width", plan.width}, {"height", plan.height},
                                  {"planes", plan.planes},    {"views", plan.views}, {"near", input.range.near},
@@ -102,7 +105,8 @@ void run_depth(const DepthCommand& command) {
   }
   if (command.peers) {
     json["peers"] = nlohmann::ordered_json::array();
-    for (const DepthPeer& peer : depth_peers(input)) {
+    for (DepthPeer& peer : depth_peers(input)) {
+      if (command.fill) fill_depth(peer.depth);
       nlohmann::ordered_json entry = {{"name", peer.name}, {"cpu_seconds", peer.cpu_s}};
       text += fmt::format("{:<18} {:.2f} CPU-s", peer.name, peer.cpu_s);
       if (!truth.empty()) {
@@ -178,6 +182,10 @@ void add_depth(CLI::App& app) {
   command->add_option("--speckle", sweep.speckle, "Islands of fewer pixels are dropped")->capture_default_str();
   command->add_option("--device", options->device,
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
+  command->add_flag("--keep-unseen", sweep.keep_unseen,
+                    "Keep the planes of pixels that lie outside every target, as neighbours suggest");
+  command->add_flag("--fill", options->fill,
+                    "Give pixels without an answer the depth of what lies behind around them; the peers too");
   command->option_defaults()->group("Output");
   command->add_option("--out", options->out, "Folder for what is written")->type_name("DIR")->check(not_empty);
   command->add_option("--truth", options->truth, "True depth of REF: the errors are told")->check(not_empty)->type_name("FILE");

@@ -47,7 +47,7 @@ void read_result(const std::string& path, DepthInput& input) {
       const auto at = f.find(key);
       return at != f.end() && at->is_number() ? at->get<double>() : NAN;
     };
-    const Eigen::Vector2d uv(value("u"), value("v"));
+    const Eigen::Vector2d uv(value("u0"), value("v0"));
     if (!uv.allFinite() || !(value("inverse_depth") > 0)) continue;
     input.priors.uv.push_back(uv);
     input.priors.inverse_depth.push_back(value("inverse_depth"));

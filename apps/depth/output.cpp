@@ -36,6 +36,15 @@ cv::Mat depth_image(const DepthMap& map) {
   return depth;
 }
 
+void fill_depth(cv::Mat& depth) {
+  DepthMap map{Map(depth.cols, depth.rows), Map(depth.cols, depth.rows)};
+  for (int v = 0; v < depth.rows; ++v)
+    for (int u = 0; u < depth.cols; ++u)
+      if (const float z = depth.at<float>(v, u); z > 0) map.inverse_depth.at(u, v) = 1 / z;
+  fill(map);
+  depth = depth_image(map);
+}
+
 cv::Mat depth_picture(const cv::Mat& depth) {
   std::vector<float> known;
   for (int v = 0; v < depth.rows; ++v)

@@ -11,6 +11,9 @@ namespace iclk {
 /// CV_32FC1 metres along the optical axis, 0: none.
 cv::Mat depth_image(const DepthMap& map);
 
+/// iclk::fill() of an image of depths.
+void fill_depth(cv::Mat& depth);
+
 /// Inverse depth in colours (near red, far blue, none black) with a bar that says which colour is which depth.
 cv::Mat depth_picture(const cv::Mat& depth);
 

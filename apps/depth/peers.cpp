@@ -77,11 +77,8 @@ std::vector<DepthPeer> depth_peers(const DepthInput& input) {
   const double at_far = pair.scale / input.range.far + pair.shift, at_near = pair.scale / input.range.near + pair.shift;
   const int least = static_cast<int>(std::floor(std::min(at_far, at_near)));
   const int count = (static_cast<int>(std::ceil(std::max(at_far, at_near))) - least + 16) / 16 * 16;
-  const int before = std::max(0, least + count), behind = std::max(0, -least);
-  cv::Mat left, right;
-  cv::copyMakeBorder(pair.left, left, 0, 0, before, behind, cv::BORDER_REPLICATE);
-  cv::copyMakeBorder(pair.right, right, 0, 0, before, behind, cv::BORDER_REPLICATE);
-
+  int before = 0;
+  cv::Mat left = pair.left, right = pair.right;
   std::vector<DepthPeer> peers;
   const auto measure = [&](const std::string& name, const auto& compute) {
     cv::Mat disparity;
@@ -91,13 +88,14 @@ std::vector<DepthPeer> depth_peers(const DepthInput& input) {
     if (disparity.type() != CV_16SC1) disparity.convertTo(disparity, CV_16S, 16);
     peers.push_back({name, depth_of(disparity.colRange(before, before + pair.left.cols), least, pair, input.camera), cpu});
   };
+  const auto run_sgbm = [&](bool full, int block, const std::string& suffix) {
+    const auto sgbm = cv::StereoSGBM::create(least, count, block, 8 * block * block, 32 * block * block, 1, 63, 10, 100, 2,
+                                             full ? cv::StereoSGBM::MODE_HH : cv::StereoSGBM::MODE_SGBM_3WAY);
+    measure(std::string("SGBM ") + (full ? "HH " : "3WAY ") + std::to_string(block) + suffix,
+            [&](cv::Mat& disparity) { sgbm->compute(left, right, disparity); });
+  };
   for (const bool full : {false, true})
-    for (const int block : {5, 7}) {
-      const auto sgbm = cv::StereoSGBM::create(least, count, block, 8 * block * block, 32 * block * block, 1, 63, 10, 100, 2,
-                                               full ? cv::StereoSGBM::MODE_HH : cv::StereoSGBM::MODE_SGBM_3WAY);
-      measure(std::string("StereoSGBM ") + (full ? "HH " : "3WAY ") + std::to_string(block),
-              [&](cv::Mat& disparity) { sgbm->compute(left, right, disparity); });
-    }
+    for (const int block : {5, 7}) run_sgbm(full, block, "");
 #ifdef ICLK_OPENCV_STEREO
   // It knows no least disparity below 0, and fails on images whose range it does not like: then it has no line.
   try {
@@ -112,6 +110,11 @@ std::vector<DepthPeer> depth_peers(const DepthInput& input) {
   } catch (const cv::Exception&) {
   }
 #endif
+  // SGBM leaves out as many columns as there are disparities, unless the images are widened by them.
+  before = std::max(0, least + count);
+  cv::copyMakeBorder(pair.left, left, 0, 0, before, std::max(0, -least), cv::BORDER_REPLICATE);
+  cv::copyMakeBorder(pair.right, right, 0, 0, before, std::max(0, -least), cv::BORDER_REPLICATE);
+  for (const bool full : {false, true}) run_sgbm(full, 5, " widened");
   return peers;
 }
 

@@ -19,12 +19,15 @@ void main() {
   float plane = winners[k].x, kept = -1.0;
   if (plane >= 0.0) {
     precise float w = push.first + push.step * floor(plane + 0.5);
+    bool unseen = true;
     for (uint view = 0u; view < push.views; ++view) {
       int pixel = pixel_in(ray_in(view, uv), epipole_of(view), w);
       if (pixel < 0) continue;
+      unseen = false;
       uint claim = claims[view * area + uint(pixel)];
       if (claim != 0xffffffffu && abs(float(claim & 0xffffu) - plane) <= push.tolerance + 0.5) kept = plane;
     }
+    if (unseen && push.keep_unseen != 0u) kept = plane;
   }
   planes[k] = kept;
 }

@@ -1,7 +1,7 @@
 // Layouts of the dense depth sweep, declared once for GLSL and C++.
 //
-// A volume holds a byte for every pixel and plane, four planes a word, the planes of a pixel side by side. Planes are uniform in
-// inverse depth: w = first + step * plane.
+// A volume holds a byte for every pixel and plane, four planes a word, the planes of a pixel side by side. Planes are uniform
+// in inverse depth: w = first + step * plane.
 #ifndef ICLK_SHADERS_DEPTH_H
 #define ICLK_SHADERS_DEPTH_H
 
@@ -50,6 +50,7 @@ struct DepthPush {
   float edge;         // path.comp: how much p2 loses a grey level (of 255) of difference
   float uniqueness;   // winner.comp: share by which the second best must be worse
   float tolerance;    // consistent.comp: planes
+  uint keep_unseen;   // consistent.comp: 1: what lies outside every view keeps its plane
   uint iterations;    // polish.comp
 };
 

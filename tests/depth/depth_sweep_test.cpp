@@ -1,0 +1,211 @@
+// The shaders beside a twin in C++, and depth of scenes whose truth is known.
+#include <cmath>
+#include <limits>
+#include <random>
+
+#include <gtest/gtest.h>
+
+#include <iclk/depth/depth_sweep.h>
+#include <iclk/engine/error.h>
+
+#include "device.h"
+#include "twin.h"
+
+namespace iclk::test {
+namespace {
+
+constexpr int kWidth = 120, kHeight = 80, kPlanes = 24;
+const Camera kCamera{100, 100, 59.5, 39.5, kWidth, kHeight};
+
+/// A texture without repetition, smooth enough to be interpolated.
+double texture(double x, double y) {
+  double sum = 0.5;
+  std::mt19937 random(3);
+  for (int k = 0; k < 24; ++k) {
+    const double angle = random() * 1e-9, phase = random() * 1e-9, wave = 5.0 + 1.3 * k;
+    sum += 0.05 * std::sin(2 * M_PI * (x * std::cos(angle) + y * std::sin(angle)) / wave + phase);
+  }
+  return sum;
+}
+
+/// The plane w = a + b u + c v (inverse depth over the reference's pixels), seen after a translation `t`; exact, since a plane
+/// gives a homography.
+Map seen(const Eigen::Vector3d& plane, const Eigen::Vector3d& t) {
+  Map map(kWidth, kHeight);
+  Eigen::Matrix3d K;
+  K << kCamera.fx, 0, kCamera.cx, 0, kCamera.fy, kCamera.cy, 0, 0, 1;
+  // (u, v, 1) of the reference goes to it + K t w(u, v).
+  const Eigen::Matrix3d H = Eigen::Matrix3d::Identity() + K * t * Eigen::RowVector3d(plane.y(), plane.z(), plane.x());
+  const Eigen::Matrix3d back = H.inverse();
+  for (int v = 0; v < kHeight; ++v)
+    for (int u = 0; u < kWidth; ++u) {
+      const Eigen::Vector3d p = back * Eigen::Vector3d(u, v, 1);
+      map.at(u, v) = static_cast<float>(texture(p.x() / p.z(), p.y() / p.z()));
+    }
+  return map;
+}
+
+ImageView view(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
+SE3 moved(const Eigen::Vector3d& t) { return {Eigen::Matrix3d::Identity(), t}; }
+
+/// Disparity of a whole pixel a plane: baseline 0.5 m, planes from 0 to 23 px.
+const Eigen::Vector3d kLeft(-0.5, 0, 0);
+const DepthRange kRange{50.0 / 23, std::numeric_limits<double>::infinity()};
+
+struct Figures {
+  double median = 0, share = 0;  // relative; pixels with an answer
+};
+Figures error_of(const DepthMap& map, const Eigen::Vector3d& plane, int border) {
+  std::vector<double> errors;
+  int count = 0;
+  for (int v = border; v < kHeight - border; ++v)
+    for (int u = border + 24; u < kWidth - border; ++u, ++count) {
+      const double truth = plane.x() + plane.y() * u + plane.z() * v, w = static_cast<double>(map.inverse_depth.at(u, v));
+      if (w > 0) errors.push_back(std::abs(w - truth) / truth);
+    }
+  if (errors.empty()) return {1, 0};
+  std::sort(errors.begin(), errors.end());
+  return {errors[errors.size() / 2], static_cast<double>(errors.size()) / count};
+}
+
+TEST(DepthSweep, ShadersEqualTheirTwins) {
+  ICLK_NEED_DEVICE();
+  const Map a = seen({0.2, 0.001, 0.002}, Eigen::Vector3d::Zero()), b = seen({0.2, 0.001, 0.002}, kLeft);
+  DepthOptions options;
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1}, options);
+  const DepthSource source{view(b), kCamera, moved(kLeft)};
+  sweep.compute(view(a), kCamera, std::span(&source, 1), kRange);
+
+  const auto census_a = census_of(a), census_b = census_of(b), census = sweep.census();
+  ASSERT_EQ(census.size(), census_a.size() * 2);
+  EXPECT_TRUE(std::equal(census_a.begin(), census_a.end(), census.begin()));
+  EXPECT_TRUE(std::equal(census_b.begin(), census_b.end(), census.begin() + static_cast<std::ptrdiff_t>(census_a.size())));
+  const auto volume = sweep.volume();
+  EXPECT_EQ(volume, costs_of(census_a, census_b, kWidth, kHeight, kPlanes));
+  const int ways[8][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
+  for (int i = 0; i < 8; ++i)
+    EXPECT_EQ(sweep.path(i), path_of(volume, a, kPlanes, ways[i][0], ways[i][1], options)) << "path " << i;
+}
+
+TEST(DepthSweep, PlanesOfKnownInverseDepth) {
+  ICLK_NEED_DEVICE();
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1});
+  for (const Eigen::Vector3d& plane : {Eigen::Vector3d(0.24, 0, 0), {0.15, 0.001, 0}, {0.1, 0.0005, 0.003}}) {
+    const Map a = seen(plane, Eigen::Vector3d::Zero()), b = seen(plane, kLeft);
+    const DepthSource source{view(b), kCamera, moved(kLeft)};
+    const Figures e = error_of(sweep.compute(view(a), kCamera, std::span(&source, 1), kRange), plane, 6);
+    EXPECT_LT(e.median, 0.003) << plane.transpose();  // 0.05 px
+    EXPECT_GT(e.share, 0.97) << plane.transpose();
+  }
+}
+
+TEST(DepthSweep, GainAndBiasOfAViewDoNotMatter) {
+  ICLK_NEED_DEVICE();
+  const Eigen::Vector3d plane(0.1, 0.0005, 0.003);
+  const Map a = seen(plane, Eigen::Vector3d::Zero());
+  Map b = seen(plane, kLeft);
+  for (float& value : b.data) value = 0.6f * value + 0.2f;
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1});
+  const DepthSource source{view(b), kCamera, moved(kLeft)};
+  const Figures e = error_of(sweep.compute(view(a), kCamera, std::span(&source, 1), kRange), plane, 6);
+  EXPECT_LT(e.median, 0.003);
+  EXPECT_GT(e.share, 0.97);
+}
+
+/// A near square before a far wall: what it hides in the view must have no answer, and what lies beyond the view none either.
+TEST(DepthSweep, HiddenPixelsHaveNoAnswerUnlessASecondViewSeesThem) {
+  ICLK_NEED_DEVICE();
+  const int near = 20, far = 4;  // px of disparity
+  const auto front = [](double u, double v) { return u >= 50 && u < 80 && v >= 20 && v < 60; };
+  const auto image = [&](int side) {  // 0: reference, 1: the view to the right, -1: to the left
+    Map map(kWidth, kHeight);
+    for (int v = 0; v < kHeight; ++v)
+      for (int u = 0; u < kWidth; ++u) {
+        const double x = u + side * near, back = u + side * far;
+        map.at(u, v) = static_cast<float>(front(x, v) ? texture(x + 300, v) : texture(back, v));
+      }
+    return map;
+  };
+  const Map a = image(0), right = image(1), left = image(-1);
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 2});
+  const DepthSource sources[] = {{view(right), kCamera, moved(kLeft)}, {view(left), kCamera, moved(-kLeft)}};
+  const DepthMap one = sweep.compute(view(a), kCamera, std::span(sources, 1), kRange);
+  const DepthMap two = sweep.compute(view(a), kCamera, sources, kRange);
+  const auto right_share = [&](const DepthMap& map, int from, int to, int disparity) {
+    int good = 0, wrong = 0;
+    for (int v = 24; v < 56; ++v)
+      for (int u = from; u < to; ++u) {
+        const auto w = static_cast<double>(map.inverse_depth.at(u, v));
+        const bool right_one = std::abs(50 * w - disparity) < 1;
+        good += right_one, wrong += w > 0 && !right_one;
+      }
+    const double all = 32.0 * (to - from);
+    return std::pair(good / all, wrong / all);
+  };
+  EXPECT_GT(right_share(one, 54, 76, near).first, 0.98);
+  EXPECT_GT(right_share(one, 90, 110, far).first, 0.98);
+  // Left of the square 16 px are hidden in the view to the right; a border of the patch's size may be taken for the square.
+  EXPECT_LT(right_share(one, 36, 45, far).first, 0.3);
+  EXPECT_LT(right_share(one, 36, 45, far).second, 0.3);
+  EXPECT_GT(right_share(two, 36, 45, far).first, 0.8);
+  EXPECT_GT(two.valid, one.valid);
+  DepthMap filled = one;
+  fill(filled);
+  EXPECT_GT(right_share(filled, 36, 45, far).first, 0.8);
+  EXPECT_EQ(std::count(filled.inverse_depth.data.begin(), filled.inverse_depth.data.end(), 0.0f), 0);
+}
+
+/// Without texture only a prior knows.
+TEST(DepthSweep, PriorsHold) {
+  ICLK_NEED_DEVICE();
+  Map flat(kWidth, kHeight);
+  std::fill(flat.data.begin(), flat.data.end(), 0.5f);
+  DepthOptions options;
+  options.uniqueness = 0;
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1}, options);
+  Features priors;
+  for (int v = 1; v < kHeight; v += 3)
+    for (int u = 31; u < kWidth; u += 3) priors.uv.push_back({u, v}), priors.inverse_depth.push_back(12 / 50.0);
+  priors.uv.push_back({-5, 1e9}), priors.inverse_depth.push_back(1);
+  priors.uv.push_back({50, std::numeric_limits<double>::quiet_NaN()}), priors.inverse_depth.push_back(1);
+  const DepthSource source{view(flat), kCamera, moved(kLeft)};
+  const Figures e = error_of(sweep.compute(view(flat), kCamera, std::span(&source, 1), kRange, priors), {12 / 50.0, 0, 0}, 12);
+  EXPECT_LT(e.median, 0.05);
+}
+
+TEST(DepthSweep, HostileInputIsRefusedWithItsName) {
+  ICLK_NEED_DEVICE();
+  const Map a = seen({0.2, 0, 0}, Eigen::Vector3d::Zero());
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1});
+  const auto refused = [&](DepthSource source, const DepthRange& range, const std::string& word) {
+    try {
+      sweep.compute(view(a), kCamera, std::span(&source, 1), range);
+      ADD_FAILURE() << word;
+    } catch (const Error& error) {
+      EXPECT_EQ(error.code(), ErrorCode::invalid_argument);
+      EXPECT_NE(std::string(error.what()).find(word), std::string::npos) << error.what();
+    }
+  };
+  const DepthSource good{view(a), kCamera, moved(kLeft)};
+  DepthSource bad = good;
+  bad.image.width = 60;
+  refused(bad, kRange, "60x80");
+  bad = good, bad.camera.fx = std::nan("");
+  refused(bad, kRange, "fx");
+  bad = good, bad.T_10.t.x() = std::nan("");
+  refused(bad, kRange, "pose of view 0");
+  bad = good, bad.T_10.R *= 2;
+  refused(bad, kRange, "no rotation");
+  bad = good, bad.T_10.t.setZero();
+  refused(bad, kRange, "baseline");
+  refused(good, {5, 1}, "range");
+  EXPECT_THROW(sweep.compute(view(a), kCamera, {}, kRange), Error);
+  Map noise = a;
+  std::fill(noise.data.begin(), noise.data.end(), std::numeric_limits<float>::quiet_NaN());
+  const DepthSource nan{view(noise), kCamera, moved(kLeft)};
+  const DepthMap map = sweep.compute(view(noise), kCamera, std::span(&nan, 1), kRange);
+  for (const float w : map.inverse_depth.data) ASSERT_TRUE(std::isfinite(w));
+}
+
+}  // namespace
+}  // namespace iclk::test
