@@ -7,6 +7,7 @@
 
 #include <ceres/ceres.h>
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/options_check.h>

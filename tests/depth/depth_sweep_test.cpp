@@ -4,6 +4,7 @@
 #include <random>
 
 #include <gtest/gtest.h>
+#include <Eigen/LU>
 
 #include <iclk/depth/depth_sweep.h>
 #include <iclk/engine/error.h>

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include <iclk/engine/error.h>
 #include <iclk/rig/adjust.h>
