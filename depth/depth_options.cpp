@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include <iclk/align/common/options_check.h>
 #include <iclk/align/common/text.h>
 #include <iclk/engine/error.h>
 #include <iclk/shaders/depth/depth.h>
@@ -16,19 +17,13 @@ constexpr int kMostRounds = 60000;
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "depth: " + why); }
 
-void check_range(const char* what, double value, double least, double most) {
-  if (!(value >= least && value <= most))
-    fail(std::string(what) + " " + internal::text_of(value) + " must be " + internal::text_of(least) + " to " +
-         internal::text_of(most));
-}
-
 }  // namespace
 
 void DepthPlan::check() const {
-  check_range("width", width, 16, 16384);
-  check_range("height", height, 16, 16384);
-  check_range("planes", planes, 8, ICLK_DEPTH_PLANES);
-  check_range("views", views, 1, ICLK_DEPTH_VIEWS);
+  check_range("depth: width", width, 16, 16384);
+  check_range("depth: height", height, 16, 16384);
+  check_range("depth: planes", planes, 8, ICLK_DEPTH_PLANES);
+  check_range("depth: views", views, 1, ICLK_DEPTH_VIEWS);
   if (planes % 4 != 0) fail(std::to_string(planes) + " planes: must be a multiple of 4");
   if (std::max(width, height) * (planes / 4) > kMostRounds)
     fail("images of " + std::to_string(width) + "x" + std::to_string(height) + " take " +
@@ -37,14 +32,14 @@ void DepthPlan::check() const {
 }
 
 void DepthOptions::check() const {
-  check_range("p1", p1, 1, ICLK_DEPTH_MAX_P2 - 1);
-  check_range("p2", p2, p1 + 1, ICLK_DEPTH_MAX_P2);
-  check_range("edge", edge, 0, 255);
-  check_range("uniqueness", uniqueness, 0, 1);
-  check_range("tolerance", tolerance, 0, ICLK_DEPTH_PLANES);
-  check_range("iterations", iterations, 0, 20);
-  check_range("speckle", speckle, 0, 1 << 28);
-  check_range("speckle_step", speckle_step, 0, ICLK_DEPTH_PLANES);
+  check_range("depth: p1", p1, 1, ICLK_DEPTH_MAX_P2 - 1);
+  check_range("depth: p2", p2, p1 + 1, ICLK_DEPTH_MAX_P2);
+  check_range("depth: edge", edge, 0, 255);
+  check_range("depth: uniqueness", uniqueness, 0, 1);
+  check_range("depth: tolerance", tolerance, 0, ICLK_DEPTH_PLANES);
+  check_range("depth: iterations", iterations, 0, 20);
+  check_range("depth: speckle", speckle, 0, 1 << 28);
+  check_range("depth: speckle_step", speckle_step, 0, ICLK_DEPTH_PLANES);
 }
 
 void DepthRange::check() const {

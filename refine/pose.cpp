@@ -6,7 +6,7 @@
 #include <ceres/ceres.h>
 #include <Eigen/Eigenvalues>
 
-#include <iclk/refine/internal/options_check.h>
+#include <iclk/align/common/options_check.h>
 #include <iclk/refine/internal/uncertainty.h>
 
 namespace iclk {
@@ -49,8 +49,8 @@ struct Problem {
     for (const internal::Observation& o : used) q.push_back(o.q);
     problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
     for (size_t i = 0; i < used.size(); ++i) {
-      problem.AddResidualBlock(new internal::ReprojectionCost(camera, used[i].uv0, used[i].uv1, used[i].W), &loss, pose.data(),
-                               &q[i]);
+      problem.AddResidualBlock(new internal::ReprojectionCost(camera, camera.ray(used[i].uv0), used[i].uv1, used[i].W), &loss,
+                               pose.data(), &q[i]);
       problem.SetParameterBlockConstant(&q[i]);
     }
   }

@@ -4,7 +4,7 @@
 #include <chrono>
 #include <cmath>
 
-#include <iclk/refine/internal/options_check.h>
+#include <iclk/align/common/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/internal/verdict.h>

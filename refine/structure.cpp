@@ -5,25 +5,11 @@
 
 #include <ceres/ceres.h>
 
-#include <iclk/refine/internal/options_check.h>
+#include <iclk/align/common/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
 
 namespace iclk {
 namespace {
-
-/// weight (q - q0).
-class DepthPriorCost final : public ceres::SizedCostFunction<1, 1> {
- public:
-  DepthPriorCost(double q0, double weight) : q0_(q0), weight_(weight) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    residuals[0] = weight_ * (parameters[0][0] - q0_);
-    if (jacobians != nullptr && jacobians[0] != nullptr) jacobians[0][0] = weight_;
-    return true;
-  }
-
- private:
-  double q0_, weight_;
-};
 
 std::vector<double> prior_sigmas(const Features& features, double relative_sigma) {
   std::vector<double> sigmas(features.uv.size(), 0.0);
@@ -84,9 +70,9 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   ordering->AddElementToGroup(pose.data(), 1);
   for (internal::Observation& o : used) {
     const double sigma_q = result.inverse_depth_sigma[o.feature];
-    problem.AddResidualBlock(new internal::ReprojectionCost(camera, o.uv0, o.uv1, o.W), new ceres::CauchyLoss(scale),
-                             pose.data(), &o.q);
-    problem.AddResidualBlock(new DepthPriorCost(o.q, sigma_0 / sigma_q), nullptr, &o.q);
+    problem.AddResidualBlock(new internal::ReprojectionCost(camera, camera.ray(o.uv0), o.uv1, o.W),
+                             new ceres::CauchyLoss(scale), pose.data(), &o.q);
+    problem.AddResidualBlock(new internal::DepthPriorCost(o.q, sigma_0 / sigma_q), nullptr, &o.q);
     problem.SetParameterLowerBound(&o.q, 0, 1e-3 * o.q);  // a depth stays in front of the camera
     ordering->AddElementToGroup(&o.q, 0);
   }

@@ -12,8 +12,8 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
+#include <iclk/align/common/options_check.h>
 #include <iclk/engine/error.h>
-#include <iclk/refine/internal/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/rig/internal/costs.h>
 
@@ -49,11 +49,11 @@ struct Problem {
     ordering->AddElementToGroup(pose.data(), 1);
     for (Used& u : used) {
       const RigSighting& s = sightings[u.index];
-      problem.AddResidualBlock(new internal::SightingCost(right, u.ray, s.right, u.W),
+      problem.AddResidualBlock(new internal::ReprojectionCost(right, u.ray, s.right, u.W, internal::kLeastDepth),
                                new ceres::CauchyLoss(options.cauchy_scale), pose.data(), &u.q);
       problem.SetParameterLowerBound(&u.q, 0, 1e-4 * u.q0);
       if (s.inverse_depth_sigma > 0)
-        problem.AddResidualBlock(new internal::DepthCost(u.q0, s.inverse_depth_sigma), nullptr, &u.q);
+        problem.AddResidualBlock(new internal::DepthPriorCost(u.q0, 1 / s.inverse_depth_sigma), nullptr, &u.q);
       ordering->AddElementToGroup(&u.q, 0);
     }
     if (options.baseline_sigma > 0)

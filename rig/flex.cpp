@@ -9,8 +9,8 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
+#include <iclk/align/common/options_check.h>
 #include <iclk/engine/error.h>
-#include <iclk/refine/internal/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/rig/common_pose.h>
 #include <iclk/rig/internal/costs.h>

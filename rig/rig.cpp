@@ -7,8 +7,8 @@
 
 #include <Eigen/Cholesky>
 
+#include <iclk/align/common/options_check.h>
 #include <iclk/engine/error.h>
-#include <iclk/refine/internal/options_check.h>
 #include <iclk/rig/common_pose.h>
 
 namespace iclk {

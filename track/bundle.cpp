@@ -52,19 +52,6 @@ class SightingCost final : public ceres::SizedCostFunction<2, 12, 12, 1> {
   Eigen::Matrix2d W_;
 };
 
-class PriorCost final : public ceres::SizedCostFunction<1, 1> {
- public:
-  PriorCost(double mean, double sigma) : mean_(mean), weight_(1 / sigma) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    residuals[0] = weight_ * (parameters[0][0] - mean_);
-    if (jacobians && jacobians[0]) jacobians[0][0] = weight_;
-    return true;
-  }
-
- private:
-  double mean_, weight_;
-};
-
 Matrix6d adjoint(const SE3& T) {
   Matrix6d A = Matrix6d::Zero();
   A.block<3, 3>(0, 0) = A.block<3, 3>(3, 3) = T.R;
@@ -157,7 +144,7 @@ BundleResult adjust(const Camera& camera, std::span<BundleFrame> frames, std::sp
     }
     problem.SetParameterLowerBound(&q, 0, 1e-3 * q);
     if (frames[i].prior_sigma[k] > 0)
-      problem.AddResidualBlock(new PriorCost(frames[i].prior[k], frames[i].prior_sigma[k]), nullptr, &q);
+      problem.AddResidualBlock(new internal::DepthPriorCost(frames[i].prior[k], 1 / frames[i].prior_sigma[k]), nullptr, &q);
   }
   for (const BundleEdge& edge : edges) {
     const auto i = static_cast<size_t>(edge.from), j = static_cast<size_t>(edge.to);

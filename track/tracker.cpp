@@ -4,7 +4,7 @@
 #include <utility>
 
 #include <iclk/engine/error.h>
-#include <iclk/refine/internal/options_check.h>
+#include <iclk/align/common/options_check.h>
 #include <iclk/track/internal/tracker_impl.h>
 
 namespace iclk {

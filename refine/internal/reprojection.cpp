@@ -18,8 +18,6 @@ namespace {
 using RowMajor6x12 = Eigen::Matrix<double, 6, 12, Eigen::RowMajor>;
 using RowMajor12x6 = Eigen::Matrix<double, 12, 6, Eigen::RowMajor>;
 
-constexpr double kMinDepth = 1e-6;  // of X1 times q, as in the aligner's residual
-
 /// Of the inverse depth; 0 where the features say nothing of it.
 double relative_sigma(const Features& features, size_t i) {
   if (features.inverse_depth_sigma.empty()) return 0;
@@ -83,7 +81,7 @@ bool ReprojectionCost::Evaluate(double const* const* parameters, double* residua
   const SE3 T = to_pose(parameters[0]);
   const double q = parameters[1][0];
   const Eigen::Vector3d p = T.R * ray_ + q * T.t;
-  if (!(p.z() > kMinDepth)) return false;  // Ceres takes the step back
+  if (!(p.z() > least_depth_)) return false;  // Ceres takes the step back
   Eigen::Map<Eigen::Vector2d>{residuals} = W_ * (camera_.project(p) - uv1_);
   if (jacobians == nullptr) return true;
   const Eigen::Matrix<double, 2, 3> J = W_ * camera_.project_jacobian(p);

@@ -28,11 +28,15 @@ class PoseManifold final : public ceres::Manifold {
   bool MinusJacobian(const double* x, double* jacobian) const override;
 };
 
-/// W (project(R ray + q t) - uv1): linear in the pose block up to the projection, and finite for points at any distance.
+inline constexpr double kMinDepth = 1e-6;  // of X1 times q, as in the aligner's residual
+
+/// W (project_1(R ray + q t) - uv1): linear in the pose block up to the projection, and finite for points at any distance.
 class ReprojectionCost final : public ceres::SizedCostFunction<2, 12, 1> {
  public:
-  ReprojectionCost(const Camera& camera, const Eigen::Vector2d& uv0, const Eigen::Vector2d& uv1, const Eigen::Matrix2d& W)
-      : camera_(camera), ray_(camera.ray(uv0)), uv1_(uv1), W_(W) {}
+  /// `ray`: of camera 0, at depth 1. Points less than `least_depth` / q in front of camera 1 have no residual.
+  ReprojectionCost(const Camera& camera_1, const Eigen::Vector3d& ray, const Eigen::Vector2d& uv1, const Eigen::Matrix2d& W,
+                   double least_depth = kMinDepth)
+      : camera_(camera_1), ray_(ray), uv1_(uv1), W_(W), least_depth_(least_depth) {}
   bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override;
 
  private:
@@ -40,6 +44,21 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 12, 1> {
   Eigen::Vector3d ray_;
   Eigen::Vector2d uv1_;
   Eigen::Matrix2d W_;
+  double least_depth_;
+};
+
+/// weight (q - q0).
+class DepthPriorCost final : public ceres::SizedCostFunction<1, 1> {
+ public:
+  DepthPriorCost(double q0, double weight) : q0_(q0), weight_(weight) {}
+  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
+    residuals[0] = weight_ * (parameters[0][0] - q0_);
+    if (jacobians != nullptr && jacobians[0] != nullptr) jacobians[0][0] = weight_;
+    return true;
+  }
+
+ private:
+  double q0_, weight_;
 };
 
 /// sigma_0 (covariance + sigma_0^2 I)^-1/2, symmetric.

@@ -4,56 +4,12 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 
-#include <iclk/align/camera.h>
 #include <iclk/align/se3.h>
 #include <iclk/refine/internal/reprojection.h>
 
 namespace iclk::internal {
 
 inline constexpr double kLeastDepth = 1e-3;  // of a point in the right camera, times its inverse depth
-
-/// W (project_r(R ray + q t) - uv).
-class SightingCost final : public ceres::SizedCostFunction<2, 12, 1> {
- public:
-  SightingCost(const Camera& right, const Eigen::Vector3d& ray, const Eigen::Vector2d& uv, const Eigen::Matrix2d& W)
-      : right_(right), ray_(ray), uv_(uv), W_(W) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const SE3 T = to_pose(parameters[0]);
-    const double q = parameters[1][0];
-    const Eigen::Vector3d p = T.R * ray_ + q * T.t;
-    if (!(p.z() > kLeastDepth)) return false;
-    Eigen::Map<Eigen::Vector2d>{residuals} = W_ * (right_.project(p) - uv_);
-    if (!jacobians) return true;
-    const Eigen::Matrix<double, 2, 3> J = W_ * right_.project_jacobian(p);
-    if (jacobians[0]) {
-      Eigen::Map<Eigen::Matrix<double, 2, 12, Eigen::RowMajor>> to(jacobians[0]);
-      for (int k = 0; k < 3; ++k) to.block<2, 3>(0, 3 * k) = ray_[k] * J;
-      to.block<2, 3>(0, 9) = q * J;
-    }
-    if (jacobians[1]) Eigen::Map<Eigen::Vector2d>{jacobians[1]} = J * T.t;
-    return true;
-  }
-
- private:
-  Camera right_;
-  Eigen::Vector3d ray_;
-  Eigen::Vector2d uv_;
-  Eigen::Matrix2d W_;
-};
-
-/// (q - mean) / sigma.
-class DepthCost final : public ceres::SizedCostFunction<1, 1> {
- public:
-  DepthCost(double mean, double sigma) : mean_(mean), weight_(1 / sigma) {}
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    residuals[0] = weight_ * (parameters[0][0] - mean_);
-    if (jacobians && jacobians[0]) jacobians[0][0] = weight_;
-    return true;
-  }
-
- private:
-  double mean_, weight_;
-};
 
 /// (|t| - length) / sigma.
 class BaselineCost final : public ceres::SizedCostFunction<1, 12> {

@@ -46,7 +46,7 @@ TEST(Pose, CostFunctionAgreesWithFiniteDifferencesInOurTwist) {
   const Scene scene = wide_scene();
   Eigen::Matrix2d W;
   W << 0.9, 0.1, 0.1, 0.6;
-  const internal::ReprojectionCost cost(scene.camera, {200.3, 100.7}, {190, 120}, W);
+  const internal::ReprojectionCost cost(scene.camera, scene.camera.ray({200.3, 100.7}), {190, 120}, W);
   const internal::PoseManifold manifold;
   const internal::PoseBlock x = internal::to_block(scene.T_10);
   double q = 0.0131;

@@ -55,18 +55,19 @@ SE3 some_pose() { return SE3::exp((Vector6d() << -0.5, 0.1, 0.05, 0.1, -0.2, 0.1
 
 TEST(Costs, OfASighting) {
   const Eigen::Matrix2d W = (Eigen::Matrix2d() << 2, 0.3, 0.3, 1).finished();
-  check_jacobians(internal::SightingCost(kRight, {0.2, -0.1, 1}, {100, 80}, W), {block_of(some_pose()), {0.3}}, 1e-5);
+  check_jacobians(internal::ReprojectionCost(kRight, {0.2, -0.1, 1}, {100, 80}, W, internal::kLeastDepth),
+                  {block_of(some_pose()), {0.3}}, 1e-5);
   // Behind the camera there is no residual.
   const SE3 back = SE3::exp((Vector6d() << 0, 0, 0, 0, 3.1, 0).finished());
   const std::vector<double> pose = block_of(back);
   const double q = 0.1;
   const double* pointers[] = {pose.data(), &q};
   double r[2];
-  EXPECT_FALSE(internal::SightingCost(kRight, {0, 0, 1}, {1, 1}, W).Evaluate(pointers, r, nullptr));
+  EXPECT_FALSE(internal::ReprojectionCost(kRight, {0, 0, 1}, {1, 1}, W, internal::kLeastDepth).Evaluate(pointers, r, nullptr));
 }
 
 TEST(Costs, OfPriors) {
-  check_jacobians(internal::DepthCost(0.2, 0.01), {{0.25}}, 1e-7);
+  check_jacobians(internal::DepthPriorCost(0.2, 100), {{0.25}}, 1e-7);
   check_jacobians(internal::BaselineCost(0.6, 0.01), {block_of(some_pose())}, 1e-6);
   internal::State sigma;
   sigma << 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12;
