@@ -1,12 +1,10 @@
-#include <chrono>
-#include <ctime>
-
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 #include <nlohmann/json.hpp>
 
 #include <iclk/depth/depth_sweep.h>
 
+#include "apps/bench/measure.h"
 #include "apps/commands/command.h"
 #include "apps/depth/figures.h"
 #include "apps/depth/input.h"
@@ -14,6 +12,7 @@
 #include "apps/depth/peers.h"
 #include "apps/io/images.h"
 #include "apps/io/output.h"
+#include "apps/session/any_aligner.h"
 
 namespace iclk {
 namespace {
@@ -41,8 +40,6 @@ const char* const kFooter =
     "  iclk depth a.png b.png c.png --camera camera.txt --poses poses.txt --features points.csv --out depth\n"
     "\n";
 
-double cpu_seconds() { return static_cast<double>(std::clock()) / CLOCKS_PER_SEC; }
-
 nlohmann::ordered_json to_json(const DepthFigures& f) {
   return {{"bad_2", f.bad_2},
           {"bad_1", f.bad_1},
@@ -66,10 +63,7 @@ void run_depth(const DepthCommand& command) {
   if (plan.planes == 0) plan.planes = planes_for(input.camera, input.cameras, input.T_10, input.range);
   plan.check();
 
-  engine::ContextOptions context_options;
-  context_options.device = command.device;
-  if (const char* wanted = std::getenv("ICLK_DEVICE"); command.device.empty() && wanted) context_options.device = wanted;
-  const auto context = engine::create_context(context_options);
+  const auto context = open_device(command.device);
   if (context->cpu_unasked()) spdlog::warn("no GPU with Vulkan here: running on {}", context->info().name);
   DepthOptions options = command.options;
   options.keep_unseen = options.keep_unseen || command.fill;
@@ -79,11 +73,9 @@ void run_depth(const DepthCommand& command) {
     sources.push_back({view(input.targets[i]), input.cameras[i], input.T_10[i]});
 
   if (command.peers) sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);  // warm
-  const auto start = std::chrono::steady_clock::now();
-  const double cpu_before = cpu_seconds();
+  const Stopwatch watch;
   DepthMap map = sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);
-  const double cpu = cpu_seconds() - cpu_before;
-  const double wall = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  const double cpu = watch.cpu_ms() / 1000, wall = watch.wall_ms() / 1000;
 
   if (command.fill) fill(map);
   const cv::Mat depth = depth_image(map);

@@ -62,14 +62,10 @@ void run_track(const TrackCommand& command) {
   options.tracker.check();
   if (sigma.disparity > 0) options.tracker.depth_noise.constant += sigma.disparity / std::abs(frames.camera().fx);
   ProgressBar bar;
-  auto start = std::chrono::steady_clock::now();
+  Stopwatch watch;
   const auto progress = [&](int done, int total, int lost) {
-    if (done == 1) start = std::chrono::steady_clock::now();
-    bar.show({.total = total,
-              .before = 0,
-              .done = done,
-              .failed = lost,
-              .seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
+    if (done == 1) watch.restart();
+    bar.show({.total = total, .before = 0, .done = done, .failed = lost, .seconds = watch.wall_ms() / 1000});
   };
   if (command.readout == "auto") options.tracker.readout = find_readout(options, frames, progress);
   const TrackReport report = track_sequence(options, frames, progress);

@@ -1,7 +1,6 @@
 #include "apps/depth/input.h"
 
 #include <cmath>
-#include <cstdio>
 #include <memory>
 
 #include <iclk/engine/error.h>
@@ -20,14 +19,10 @@ namespace {
 std::vector<SE3> poses_of_file(const std::string& path) {
   std::vector<SE3> poses;
   const std::string text = read_file(path);
-  size_t number = 0;
-  for (size_t from = 0; from < text.size();) {
-    size_t end = text.find('\n', from);
-    if (end == std::string::npos) end = text.size();
-    const std::string line = text.substr(from, end - from);
-    from = end + 1, ++number;
-    if (line.find_first_not_of(" \t\r") == std::string::npos || line[0] == '#') continue;
-    poses.push_back(parse_pose(line, path + ":" + std::to_string(number)));
+  int number = 0;
+  for (const std::string_view line : lines_of(text)) {
+    ++number;
+    if (!without_comment(line).empty()) poses.push_back(parse_pose(line, path + ":" + std::to_string(number)));
   }
   return poses;
 }
@@ -55,11 +50,9 @@ void read_result(const std::string& path, DepthInput& input) {
 }
 
 DepthRange parse_range(const std::string& text) {
-  double near = 0, far = 0;
-  int end = 0;
-  if (std::sscanf(text.c_str(), "%lf , %lf %n", &near, &far, &end) != 2 || end != static_cast<int>(text.size()))
-    fail("--depth-range " + text + ": wants NEAR,FAR in metres, like 2,40");
-  const DepthRange range{near, far};
+  const std::vector<double> ends = parse_numbers(text, "--depth-range NEAR,FAR");
+  if (ends.size() != 2) fail("--depth-range " + text + ": wants NEAR,FAR in metres, like 2,40");
+  const DepthRange range{ends[0], ends[1]};
   range.check();
   return range;
 }

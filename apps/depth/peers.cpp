@@ -1,7 +1,6 @@
 #include "apps/depth/peers.h"
 
 #include <cmath>
-#include <ctime>
 
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/eigen.hpp>
@@ -12,6 +11,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/bench/measure.h"
 #include "apps/session/detect.h"
 
 namespace iclk {
@@ -37,17 +37,16 @@ Rectified rectify(const DepthInput& input) {
     out.scale = -a.fx * T.t.x(), out.shift = a.cx - b.cx;
     return out;
   }
-  const auto K = [](const Camera& c) { return cv::Mat((cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1)); };
   cv::Mat R, t, R_0, R_1, P_0, P_1, Q, map_u, map_v;
   cv::eigen2cv(T.R, R), cv::eigen2cv(Eigen::Vector3d(T.t), t);
   const cv::Size size = input.reference.size();
-  cv::stereoRectify(K(a), cv::noArray(), K(b), cv::noArray(), size, R, t, R_0, R_1, P_0, P_1, Q, 0, -1);
+  cv::stereoRectify(camera_matrix(a), cv::noArray(), camera_matrix(b), cv::noArray(), size, R, t, R_0, R_1, P_0, P_1, Q, 0, -1);
   if (P_1.at<double>(1, 3) != 0)
     throw Error(ErrorCode::unsupported,
                 "--peers: the cameras stand one above the other; OpenCV's methods want them side by side");
-  cv::initUndistortRectifyMap(K(a), cv::noArray(), R_0, P_0, size, CV_32FC1, map_u, map_v);
+  cv::initUndistortRectifyMap(camera_matrix(a), cv::noArray(), R_0, P_0, size, CV_32FC1, map_u, map_v);
   cv::remap(grey_8bit(input.reference), out.left, map_u, map_v, cv::INTER_LINEAR);
-  cv::initUndistortRectifyMap(K(b), cv::noArray(), R_1, P_1, size, CV_32FC1, map_u, map_v);
+  cv::initUndistortRectifyMap(camera_matrix(b), cv::noArray(), R_1, P_1, size, CV_32FC1, map_u, map_v);
   cv::remap(grey_8bit(input.targets[0]), out.right, map_u, map_v, cv::INTER_LINEAR);
   cv::cv2eigen(R_0, out.R);
   out.fx = P_0.at<double>(0, 0), out.fy = P_0.at<double>(1, 1), out.cx = P_0.at<double>(0, 2), out.cy = P_0.at<double>(1, 2);
@@ -82,9 +81,9 @@ std::vector<DepthPeer> depth_peers(const DepthInput& input) {
   std::vector<DepthPeer> peers;
   const auto measure = [&](const std::string& name, const auto& compute) {
     cv::Mat disparity;
-    const std::clock_t start = std::clock();
+    const Stopwatch watch;
     compute(disparity);
-    const double cpu = static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+    const double cpu = watch.cpu_ms() / 1000;
     if (disparity.type() != CV_16SC1) disparity.convertTo(disparity, CV_16S, 16);
     peers.push_back({name, depth_of(disparity.colRange(before, before + pair.left.cols), least, pair, input.camera), cpu});
   };

@@ -86,12 +86,6 @@ std::vector<std::string> stage_names(const SessionOptions& session) {
   return names;
 }
 
-cv::Mat with_nan(const cv::Mat& depth) {
-  cv::Mat out = depth.clone();
-  if (!out.empty()) out.setTo(std::numeric_limits<float>::quiet_NaN(), out <= 0);
-  return out;
-}
-
 PeerPair peer_pair(const PairInput& pair, const cv::Mat& target_depth) {
   PeerPair out;
   out.image_0 = pair.image_0;

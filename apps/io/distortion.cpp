@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include <opencv2/calib3d.hpp>
+#include <opencv2/core/eigen.hpp>
 #include <opencv2/imgproc.hpp>
 
 #include <iclk/engine/error.h>
@@ -11,8 +12,6 @@
 
 namespace iclk {
 namespace {
-
-cv::Mat camera_matrix(const Camera& c) { return (cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1); }
 
 /// The radius in the normalised image up to which the radial polynomial grows. Beyond it the model folds back into the image
 /// and would show what the lens never saw there.
@@ -26,6 +25,8 @@ double radtan_domain(const std::vector<double>& k) {
 }
 
 }  // namespace
+
+cv::Mat camera_matrix(const Camera& c) { return (cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1); }
 
 Distortion make_distortion(const std::string& model, std::vector<double> k, const std::string& where) {
   const auto fail = [&](const std::string& why) -> void { throw Error(ErrorCode::invalid_argument, where + ": " + why); };
@@ -62,24 +63,27 @@ Distortion parse_distortion(const std::string& text) {
 
 Undistorter::Undistorter(const Camera& camera, const Distortion& distortion) : Undistorter(camera, distortion, camera) {}
 
-Undistorter::Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as)
+Undistorter::Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as, const Eigen::Matrix3d& R)
     : camera_(camera), distortion_(distortion) {
   const bool same = camera.fx == as.fx && camera.fy == as.fy && camera.cx == as.cx && camera.cy == as.cy &&
                     camera.width == as.width && camera.height == as.height;
-  identity_ = distortion_.empty() && same;
+  identity_ = distortion_.empty() && same && R == Eigen::Matrix3d::Identity();
   if (identity_) return;
   const cv::Mat K = camera_matrix(camera), K_as = camera_matrix(as);
+  cv::Mat turn;
+  cv::eigen2cv(R, turn);
   const cv::Size size(as.width, as.height);
   if (distortion_.model == Distortion::Model::equidistant)
-    cv::fisheye::initUndistortRectifyMap(K, distortion_.k, cv::Mat::eye(3, 3, CV_64F), K_as, size, CV_32FC1, map_u_, map_v_);
+    cv::fisheye::initUndistortRectifyMap(K, distortion_.k, turn, K_as, size, CV_32FC1, map_u_, map_v_);
   else
-    cv::initUndistortRectifyMap(K, distortion_.k, cv::Mat(), K_as, size, CV_32FC1, map_u_, map_v_);
+    cv::initUndistortRectifyMap(K, distortion_.k, turn, K_as, size, CV_32FC1, map_u_, map_v_);
   const double domain = distortion_.model == Distortion::Model::radtan ? radtan_domain(distortion_.k) : 1e300;
   seen_ = cv::Mat::zeros(size, CV_8UC1);
   for (int v = 0; v < size.height; ++v)
     for (int u = 0; u < size.width; ++u) {
       const float x = map_u_.at<float>(v, u), y = map_v_.at<float>(v, u);
-      const double r = std::hypot((u - as.cx) / as.fx, (v - as.cy) / as.fy);
+      const Eigen::Vector3d ray = R.transpose() * as.ray({u, v});
+      const double r = ray.z() > 0 ? std::hypot(ray.x(), ray.y()) / ray.z() : 1e301;
       if (x >= 0 && y >= 0 && x <= camera.width - 1 && y <= camera.height - 1 && r < domain) seen_.at<uchar>(v, u) = 255;
     }
 }

@@ -25,13 +25,18 @@ Distortion parse_distortion(const std::string& text);
 /// coefficients. `where` opens the messages.
 Distortion make_distortion(const std::string& model, std::vector<double> k, const std::string& where);
 
+/// K of OpenCV, CV_64FC1.
+cv::Mat camera_matrix(const Camera& camera);
+
 /// Turns what a distorted camera saw into what the pinhole of the same K would have seen.
 class Undistorter {
  public:
   /// Precondition: camera.check() passes.
   Undistorter(const Camera& camera, const Distortion& distortion);
-  /// As another pinhole at the same place, `as`, would have seen it. image() alone is for it.
-  Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as);
+  /// As another pinhole at the same place, `as`, would have seen it, whose axes are turned: R takes directions of the camera
+  /// into them. image() and seen() alone are for it.
+  Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as,
+              const Eigen::Matrix3d& R = Eigen::Matrix3d::Identity());
 
   cv::Mat image(const cv::Mat& image) const;  ///< bilinear; beyond the source the nearest border pixel is repeated
   cv::Mat depth(const cv::Mat& depth) const;  ///< nearest; 0 beyond the source

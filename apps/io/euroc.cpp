@@ -15,8 +15,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMaxTruthGap = 0.25;  // s
-
 /// Nanoseconds as they stand there, and the path of the image.
 std::map<std::string, std::string> load_images(const fs::path& camera) {
   const std::string path = (camera / "data.csv").string(), text = read_file(path);

@@ -27,6 +27,9 @@ struct StampedPose {
 /// A TUM trajectory, sorted by time. Throws Error(invalid_argument) "<file>:<line>: ..." for a broken line.
 std::vector<StampedPose> load_trajectory(const std::string& path);
 
+/// s: motion capture drops out at times, and a straight line over more is no truth.
+inline constexpr double kMaxTruthGap = 0.25;
+
 /// Translation linear, rotation slerp, between the neighbours of `stamp`; false if it lies outside the trajectory or the
 /// neighbours are more than max_gap seconds apart (unless one is exact).
 bool interpolate(const std::vector<StampedPose>& trajectory, double stamp, double max_gap, SE3& T_wc);

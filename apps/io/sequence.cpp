@@ -16,8 +16,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kMaxTruthGap = 0.25;  // s; motion capture drops out at times, and a straight line over more is no truth
-
 struct StampedFile {
   double stamp;
   std::string path;
@@ -96,16 +94,6 @@ std::optional<fs::path> first_folder(const fs::path& root, std::initializer_list
   return {};
 }
 
-/// Files of a folder by their names without ending; hidden ones are left out.
-std::vector<fs::path> files_of(const fs::path& folder) {
-  std::vector<fs::path> files;
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (entry.is_regular_file() && entry.path().filename().string()[0] != '.') files.push_back(entry.path());
-  std::sort(files.begin(), files.end(),
-            [](const auto& a, const auto& b) { return natural_less(a.stem().string(), b.stem().string()); });
-  return files;
-}
-
 /// The time that a name is, in seconds.
 std::optional<double> time_of(const std::string& stem) {
   constexpr size_t kNanoseconds = 16;  // digits
@@ -124,8 +112,8 @@ void list_folders(const fs::path& root, double rate, Sequence& sequence) {
     throw Error(ErrorCode::io, "no " + (root / "rgb.txt").string() +
                                    ", and no folders rgb (or color, images, image) and depth (or depths) in its place");
   std::map<std::string, std::string> depth_of;
-  for (const fs::path& file : files_of(*depths)) depth_of[file.stem().string()] = file.string();
-  const std::vector<fs::path> files = files_of(*images);
+  for (const fs::path& file : list_files(*depths)) depth_of[file.stem().string()] = file.string();
+  const std::vector<fs::path> files = list_files(*images);
   if (files.empty()) throw Error(ErrorCode::invalid_argument, images->string() + " has no image");
   bool timed = true, any_depth = false;
   for (const fs::path& file : files) timed = timed && time_of(file.stem().string());
@@ -155,6 +143,17 @@ void list_tum(const fs::path& root, double max_difference, Sequence& sequence) {
 }
 
 }  // namespace
+
+std::vector<fs::path> list_files(const fs::path& folder) {
+  std::error_code error;
+  std::vector<fs::path> files;
+  for (const auto& entry : fs::directory_iterator(folder, error))
+    if (entry.is_regular_file() && entry.path().filename().string().front() != '.') files.push_back(entry.path());
+  if (error) throw Error(ErrorCode::io, folder.string() + ": cannot be read as a folder (" + error.message() + ")");
+  std::sort(files.begin(), files.end(),
+            [](const auto& a, const auto& b) { return natural_less(a.stem().string(), b.stem().string()); });
+  return files;
+}
 
 Sequence load_sequence(const std::string& folder, const SequenceOptions& options) {
   const fs::path root(folder);

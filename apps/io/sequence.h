@@ -1,4 +1,5 @@
 #pragma once
+#include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
@@ -24,6 +25,10 @@ struct Sequence {
   std::optional<StereoFile> rig;      ///< of a stereo recording
   std::vector<SequenceFrame> frames;  ///< in order of time
 };
+
+/// The files of a folder, hidden ones left out, in the order of their names as a person counts: frame2 before frame10. Throws
+/// Error(io).
+std::vector<std::filesystem::path> list_files(const std::filesystem::path& folder);
 
 struct SequenceOptions {
   double max_difference = 0.04;  ///< s, between an image and its depth

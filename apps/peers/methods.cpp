@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include <opencv2/calib3d.hpp>
@@ -9,13 +10,12 @@
 #include <opencv2/rgbd.hpp>
 #include <opencv2/video/tracking.hpp>
 
+#include "apps/io/distortion.h"
 #include "apps/io/images.h"
 #include "apps/session/any_aligner.h"
 
 namespace iclk {
 namespace {
-
-cv::Matx33d matrix_of(const Camera& c) { return {c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1}; }
 
 /// Points of camera 0 in metres and where they are seen in image 1.
 struct Correspondences {
@@ -35,7 +35,7 @@ PeerAnswer solve_pnp(const Correspondences& c, const Camera& camera) {
   constexpr size_t kLeast = 8;  // inliers of a claim
   PeerAnswer answer;
   if (c.X0.size() < kLeast) return answer;
-  const cv::Matx33d K = matrix_of(camera);
+  const cv::Mat K = camera_matrix(camera);
   cv::Vec3d rotation, translation;
   std::vector<int> inliers;
   if (!cv::solvePnPRansac(c.X0, c.uv1, K, cv::noArray(), rotation, translation, false, 2000, 2.0f, 0.9999, inliers,
@@ -117,7 +117,7 @@ class RgbdOdometry final : public PeerMethod {
       }
       ~Threads() { cv::setNumThreads(before); }
     } threads(threads_);
-    odometry_->setCameraMatrix(cv::Mat(matrix_of(pair.camera)));
+    odometry_->setCameraMatrix(camera_matrix(pair.camera));
     const double scale = scale_to_a_room(pair.depth_0);
     const cv::Mat depth_0 = scale == 1 ? pair.depth_0 : cv::Mat(pair.depth_0 * scale);
     const cv::Mat depth_1 = scale == 1 ? pair.depth_1 : cv::Mat(pair.depth_1 * scale);
@@ -203,6 +203,12 @@ class DescriptorPnp final : public PeerMethod {
 };
 
 }  // namespace
+
+cv::Mat with_nan(const cv::Mat& depth) {
+  cv::Mat out = depth.clone();
+  if (!out.empty()) out.setTo(std::numeric_limits<float>::quiet_NaN(), out <= 0);
+  return out;
+}
 
 std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine, const std::string& name) {
   return std::make_unique<Iclk>(settings, refine, name);

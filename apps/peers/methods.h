@@ -23,6 +23,9 @@ struct PeerPair {
   SE3 start;          ///< first guess, of iclk alone: the others start from no motion
 };
 
+/// Depth as PeerPair has it: NaN where it was not positive.
+cv::Mat with_nan(const cv::Mat& depth);
+
 struct PeerAnswer {
   bool has_pose = false;
   bool claimed = false;  ///< the method itself says that it succeeded

@@ -24,12 +24,6 @@ struct Case {
   int stride = 1;
 };
 
-cv::Mat with_nan(const cv::Mat& depth) {
-  cv::Mat out = depth.clone();
-  out.setTo(std::numeric_limits<float>::quiet_NaN(), depth <= 0);
-  return out;
-}
-
 /// The pairs of a sequence that have a truth and depth of both images, at most `most` of them, evenly spread.
 struct PairSource {
   Sequence sequence;

@@ -1,4 +1,5 @@
 #include "apps/session/report.h"
+#include "apps/io/json.h"
 
 #include <cmath>
 #include <cstdio>
@@ -18,17 +19,6 @@ using Json = nlohmann::ordered_json;
 constexpr double kDegrees = 180 / M_PI;
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
-
-template <typename Matrix>
-Json matrix(const Matrix& M) {
-  Json rows = Json::array();
-  for (int r = 0; r < M.rows(); ++r) {
-    Json row = Json::array();
-    for (int c = 0; c < M.cols(); ++c) row.push_back(number(M(r, c)));
-    rows.push_back(std::move(row));
-  }
-  return rows;
-}
 
 /// No covariance is not a covariance of zero: a refinement that ends in max_iterations has none.
 bool has_covariance(const RefinedAlignment& result) {
@@ -53,8 +43,10 @@ Json grey_weights(const RefinedAlignment& result) {
 Json stages(const PairInput& pair, const RefinedAlignment& result) {
   Json list = Json::array();
   for (const Stage& stage : result.stages) {
-    Json entry = {
-        {"name", stage.name}, {"T_10", matrix(stage.T_10.matrix())}, {"cost", number(stage.cost)}, {"ms", number(stage.ms)}};
+    Json entry = {{"name", stage.name},
+                  {"T_10", matrix_json(stage.T_10.matrix())},
+                  {"cost", number(stage.cost)},
+                  {"ms", number(stage.ms)}};
     if (pair.truth) {
       const PoseError e = stage_error(pair, result, stage);
       entry["e_pixel"] = number(e.e_pixel);
@@ -97,7 +89,7 @@ Json features(const PairInput& pair, const RefinedAlignment& result) {
     if (at < result.features.size()) {
       const AlignedFeature& f = result.features[at];
       const bool aligned = f.status == FeatureStatus::aligned;
-      list.back()["covariance"] = matrix(aligned ? f.covariance : Eigen::Matrix2d::Constant(NAN));
+      list.back()["covariance"] = matrix_json(aligned ? f.covariance : Eigen::Matrix2d::Constant(NAN));
     }
     if (at < result.inverse_depth_sigma.size()) {
       const double sigma = result.inverse_depth_sigma[at];
@@ -203,8 +195,8 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
           {"reason", result.reason},
           {"refined", result.refined},
           {"grey_weights", grey_weights(result)},
-          {"T_10", matrix(result.T_10.matrix())},
-          {"covariance", matrix(covariance_or_nan(result))},
+          {"T_10", matrix_json(result.T_10.matrix())},
+          {"covariance", matrix_json(covariance_or_nan(result))},
           {"stages", stages(pair, result)},
           {"levels", levels(result.iclk)},
           {"features", features(pair, result)},

@@ -5,9 +5,10 @@
 #include <vector>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "apps/io/distortion.h"
+#include "apps/io/json.h"
 #include "apps/io/pose_text.h"
 #include "apps/sets/pair_set.h"
 
@@ -17,27 +18,11 @@ namespace {
 using Json = nlohmann::ordered_json;
 constexpr double kDegree = M_PI / 180;
 
-Json matrix_json(const Matrix6d& C) {
-  Json out = Json::array();
-  for (int r = 0; r < 6; ++r) {
-    Json row = Json::array();
-    for (int c = 0; c < 6; ++c) row.push_back(C(r, c));
-    out.push_back(row);
-  }
-  return out;
-}
-
-/// What `image` shows through the rotation into the rectified frame.
+/// What `image` shows through the rotation into the rectified frame, black where it shows nothing.
 cv::Mat rectified(const cv::Mat& image, const Camera& camera, const Eigen::Matrix3d& R) {
-  cv::Mat map_u(image.size(), CV_32FC1), map_v(image.size(), CV_32FC1), out;
-  for (int v = 0; v < image.rows; ++v)
-    for (int u = 0; u < image.cols; ++u) {
-      const Eigen::Vector3d ray = R.transpose() * camera.ray({u, v});
-      const Eigen::Vector2d uv = ray.z() > 1e-3 ? camera.project(ray) : Eigen::Vector2d(-1e4, -1e4);
-      map_u.at<float>(v, u) = static_cast<float>(uv.x());
-      map_v.at<float>(v, u) = static_cast<float>(uv.y());
-    }
-  cv::remap(image, out, map_u, map_v, cv::INTER_LINEAR, cv::BORDER_CONSTANT);
+  const Undistorter turned(camera, {}, camera, R);
+  cv::Mat out = turned.image(image).clone();
+  if (!turned.seen().empty()) out.setTo(0, turned.seen() == 0);
   return out;
 }
 

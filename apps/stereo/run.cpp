@@ -14,6 +14,7 @@
 #include "apps/io/images.h"
 #include "apps/io/json.h"
 #include "apps/io/output.h"
+#include "apps/io/sequence.h"
 #include "apps/io/text.h"
 #include "apps/session/any_aligner.h"
 #include "apps/stereo/output.h"
@@ -25,13 +26,9 @@ namespace fs = std::filesystem;
 constexpr double kDegree = M_PI / 180;
 
 std::vector<std::string> images_of(const std::string& folder) {
-  std::error_code error;
   std::vector<std::string> files;
-  for (const auto& entry : fs::directory_iterator(folder, error))
-    if (entry.is_regular_file() && entry.path().filename().string().front() != '.') files.push_back(entry.path().string());
-  if (error) throw Error(ErrorCode::io, folder + ": cannot be read as a folder (" + error.message() + ")");
+  for (const fs::path& file : list_files(folder)) files.push_back(file.string());
   if (files.empty()) throw Error(ErrorCode::invalid_argument, folder + ": there are no images");
-  std::sort(files.begin(), files.end());
   return files;
 }
 

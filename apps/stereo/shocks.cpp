@@ -16,6 +16,7 @@
 #include <iclk/rig/flex.h>
 #include <iclk/rig/rig.h>
 
+#include "apps/io/distortion.h"
 #include "apps/render/procedural.h"
 #include "apps/render/renderer.h"
 #include "apps/session/any_aligner.h"
@@ -116,7 +117,7 @@ ImageView view_of(const cv::Mat& m) { return {m.data, m.cols, m.rows, m.step, Pi
 SE3 by_sift(const std::vector<LeftView>& lefts, const std::vector<cv::Mat>& rights, bool& found) {
   const auto sift = cv::SIFT::create(4000);
   const cv::BFMatcher matcher(cv::NORM_L2);
-  const cv::Mat K = (cv::Mat_<double>(3, 3) << kCamera.fx, 0, kCamera.cx, 0, kCamera.fy, kCamera.cy, 0, 0, 1);
+  const cv::Mat K = camera_matrix(kCamera);
   std::vector<RigSighting> sightings;
   SE3 best = kRest;
   int most = 0;

@@ -37,7 +37,7 @@ class RecordedFrames {
   const Distortion& distortion() const { return distortion_; }
   /// Of a stereo recording, whose camera is the rectified left one.
   const std::optional<StereoDepth>& stereo() const { return stereo_; }
-  bool masks() const { return stereo_ || !distortion_.empty(); }  ///< pixels that the lens did not see are masked
+  bool masks() const { return !seen().empty(); }  ///< pixels that the lens did not see are masked
   const cv::Mat& seen() const { return stereo_ ? stereo_->seen() : undistorter_->seen(); }  ///< CV_8UC1, empty without masks()
   double time(int i) const { return frame(i).stamp; }
   const std::optional<SE3>& truth(int i) const { return frame(i).T_wc; }

@@ -4,11 +4,11 @@
 #include <cmath>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 
 #include <iclk/engine/error.h>
 
 #include "apps/io/images.h"
+#include "apps/io/json.h"
 #include "apps/io/pose_text.h"
 #include "apps/pictures/plot.h"
 
@@ -49,13 +49,7 @@ std::string frame_json(const TrackResult& r) {
     line["keyframe"] = r.keyframe;
     line["T_WC"] = tum_line(r.T_WC);
     line["T_CK"] = tum_line(r.T_CK);
-    auto covariance = nlohmann::ordered_json::array();
-    for (int i = 0; i < 6; ++i) {
-      auto row = nlohmann::ordered_json::array();
-      for (int j = 0; j < 6; ++j) row.push_back(r.covariance(i, j));
-      covariance.push_back(row);
-    }
-    line["covariance"] = covariance;
+    line["covariance"] = matrix_json(r.covariance);
     line["features"] = r.features;
     line["visible"] = r.visible;
     line["inliers"] = r.inliers;

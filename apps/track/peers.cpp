@@ -26,12 +26,6 @@ PeerFrame peer_frame(const RecordedFrames::Pixels& pixels, const RecordedFrames&
   return out;
 }
 
-cv::Mat with_nan(const cv::Mat& depth) {
-  cv::Mat out = depth.clone();
-  out.setTo(std::numeric_limits<float>::quiet_NaN(), depth <= 0);
-  return out;
-}
-
 PeerPair pair_of(const PeerFrame& from, const PeerFrame& to, const Camera& camera) {
   PeerPair pair;
   pair.image_0 = from.image;

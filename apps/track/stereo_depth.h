@@ -1,6 +1,9 @@
 #pragma once
+#include <optional>
+
 #include <opencv2/calib3d.hpp>
 
+#include "apps/io/distortion.h"
 #include "apps/io/stereo_file.h"
 
 namespace iclk {
@@ -18,13 +21,15 @@ class StereoDepth {
   cv::Mat rectified(const cv::Mat& left) const;
   /// CV_32FC1 metres of the rectified left image, 0 where there is none. `right` as it was taken.
   cv::Mat depth(const cv::Mat& rectified_left, const cv::Mat& right) const;
-  const cv::Mat& seen() const { return seen_; }  ///< CV_8UC1, 255 where the rectified left image shows something
+  const cv::Mat& seen() const {
+    return left_->seen();
+  }  ///< CV_8UC1, 255 where the rectified left image shows something; or empty
 
  private:
   Camera camera_;
   SE3 T_left_;
   double baseline_ = 0;
-  cv::Mat maps_[2][2], seen_;
+  std::optional<Undistorter> left_, right_;
   cv::Ptr<cv::StereoSGBM> matcher_;
 };
 
