@@ -105,7 +105,7 @@ struct Panel {
       if (c.steps && !line.empty()) line.emplace_back(next.x, line.back().y);
       line.push_back(next);
     }
-    cv::polylines(inside, line, false, colour, 2 * kTwice, cv::LINE_AA);
+    if (c.line) cv::polylines(inside, line, false, colour, 2 * kTwice, cv::LINE_AA);
     if (c.marks)
       for (const cv::Point2d& p : c.points)
         cv::circle(canvas, at(p.x, p.y) + aside, 4 * kTwice, colour, cv::FILLED, cv::LINE_AA);

@@ -11,6 +11,7 @@ struct Curve {
   std::string name;
   std::vector<cv::Point2d> points;
   bool marks = false;  ///< a dot at every point
+  bool line = true;    ///< from each point to the next
   bool steps = false;  ///< level to the next point, then up: a distribution of samples
 };
 

@@ -146,7 +146,7 @@ std::string path_png(std::span<const TrackedFrame> frames, const std::vector<SE3
             .y1 = middle(b) + side / 2};
   if (!truth.empty()) plot.curves.push_back({.name = "truth", .points = projected(truth)});
   plot.curves.push_back({.name = "iclk", .points = projected(estimate)});
-  plot.curves.push_back({.name = "keyframes", .points = projected(places), .marks = true});
+  plot.curves.push_back({.name = "keyframes", .points = projected(places), .marks = true, .line = false});
   if (errors) plot.note = fmt::format("ATE {:.1f} mm", 1000 * errors->absolute.rmse);
   return encode_png(draw_plots("iclk track", {plot}, 1));
 }
