@@ -4,6 +4,8 @@
 #include <limits>
 #include <map>
 
+#include <Eigen/Eigenvalues>
+
 #include <iclk/align/device/cells.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/device_refiner.h>
