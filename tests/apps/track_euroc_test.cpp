@@ -143,5 +143,20 @@ TEST(TrackEuroc, BrokenRecordingsAreNamed) {
   EXPECT_NE(f.err.find("right"), std::string::npos) << f.err;
 }
 
+TEST(TrackEuroc, ARigThatIsRectifiedAlreadyNeedsNoMask) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  for (const char* name : {"cam0", "cam1"}) {
+    fs::create_directories(folder.path(std::string(name) + "/data"));
+    cv::imwrite(folder.path(std::string(name) + "/data/a.png"), cv::Mat(240, 376, CV_8UC1, cv::Scalar(90)));
+    folder.write(std::string(name) + "/data.csv", "1,a.png\n");
+  }
+  folder.write("cam0/sensor.yaml", sensor(kT_bl, kLeft, 0));
+  folder.write("cam1/sensor.yaml", sensor(kT_bl * SE3{Eigen::Matrix3d::Identity(), {12, 0, 0}}, kLeft, 0));
+  const Finished f = run({"track", folder.path("")});
+  EXPECT_EQ(f.code, 0) << f.err;
+  EXPECT_NE(f.out.find("1 lost"), std::string::npos) << f.out;  // no texture
+}
+
 }  // namespace
 }  // namespace iclk::test
