@@ -8,6 +8,7 @@
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/internal/verdict.h>
+#include <iclk/refine/rolling_shutter.h>
 #include <iclk/shaders/shared.h>
 
 namespace iclk {
@@ -69,6 +70,34 @@ std::vector<bool> aligned_set(const std::vector<AlignedFeature>& features) {
   std::vector<bool> set;
   for (const AlignedFeature& f : features) set.push_back(f.status == FeatureStatus::aligned);
   return set;
+}
+
+/// What was found, as a camera would have it that reads all rows at once.
+std::vector<AlignedFeature> straight(const View& view, const RefinedAlignment& r) {
+  std::vector<AlignedFeature> features = r.features;
+  if (r.turn)
+    for (AlignedFeature& f : features)
+      if (f.status == FeatureStatus::aligned) f.uv1 = unrolled(view.camera, *r.turn, f.uv1);
+  return features;
+}
+
+/// Pose and turn of a target that is bent, if that is proven and no feature is lost by it. What that adds to the covariance.
+Matrix6d unbend(const View& view, const PoseOptions& options, RefinedAlignment& r, PoseResult& pose) {
+  const Stopwatch time;
+  const std::optional<TurnEstimate> found = proven_turn(view.camera, view.features, r.features, pose.T_10);
+  if (!found) return Matrix6d::Zero();
+  r.turn = found->turn;
+  PoseResult better = refine_pose(view.camera, view.features, straight(view, r), found->T_10, options);
+  if (!usable(better.status) || better.inliers < pose.inliers) {
+    r.turn.reset();
+    return Matrix6d::Zero();
+  }
+  pose = std::move(better);
+  Stage& pose_stage = stage(r, "pose");
+  pose_stage.T_10 = pose.T_10;
+  pose_stage.cost = pose.cost;
+  pose_stage.ms += time.ms();
+  return found->pose_share;
 }
 
 /// The verdict over the whole way; `pose` is the last round's. False if features speak against the pose that ICLK found.
@@ -199,6 +228,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
   for (size_t i = 0; i < pairs.size(); ++i) {
     RefinedAlignment& r = results[i];
     if (r.rounds == 0) continue;
+    const Matrix6d turn_share = options_.rolling_shutter ? unbend(view(i), options_.pose, r, poses[i]) : Matrix6d::Zero();
     const bool compatible = decide(view(i), poses[i], options_, r);
     if (!usable(r.status)) {  // T_10 stays ICLK's
       if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
@@ -206,17 +236,18 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
         r.status = r.iclk.status;
         r.covariance = r.iclk.covariance + internal::depth_covariance(view(i).camera, view(i).features, view(i).checks, r.T_10,
                                                                       poses[i].depth_sigma);
+        r.turn.reset();
         r.features.clear();  // what was found is not where the pose puts it
       }
       continue;
     }
     r.refined = true;
     r.T_10 = poses[i].T_10;
-    r.covariance = poses[i].covariance;
+    r.covariance = poses[i].covariance + turn_share;
     if (!options_.structure) continue;
     const Stopwatch structure_time;
-    StructureResult s =
-        refine_structure(view(i).camera, view(i).features, r.features, r.T_10, {options_.pose, options_.relative_sigma});
+    StructureResult s = refine_structure(view(i).camera, view(i).features, straight(view(i), r), r.T_10,
+                                         {options_.pose, options_.relative_sigma});
     Stage& structure_stage = stage(r, "structure");
     structure_stage.T_10 = s.pose.T_10;
     structure_stage.cost = s.pose.cost;
@@ -228,7 +259,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       continue;
     }
     r.T_10 = s.pose.T_10;
-    r.covariance = s.pose.covariance;
+    r.covariance = s.pose.covariance + turn_share;
     r.inverse_depth = std::move(s.inverse_depth);
     r.inverse_depth_sigma = std::move(s.inverse_depth_sigma);
     r.inliers = s.pose.inliers;

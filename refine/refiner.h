@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <utility>
@@ -18,6 +19,10 @@ struct RefinerOptions {
   double relative_sigma = 0.02;   ///< of inverse depths without a sigma; StructureOptions::relative_sigma
   int rounds = 3;                 ///< of feature alignment and pose, at most
   double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
+
+  /// Where the features prove that the target is bent, since its camera turned otherwise than the reference's while the rows
+  /// were read, the bend is taken out of their positions before the pose is stated: proven_turn().
+  bool rolling_shutter = true;
 
   // What a converged result has to show.
   int min_inliers = 10;  ///< features that were aligned and agree on the pose within PoseOptions::inlier_distance
@@ -67,6 +72,9 @@ struct RefinedAlignment {
       features;  ///< one a feature of the reference, the last round's; empty if ICLK failed or stands alone
   std::vector<double> inverse_depth;        ///< one a feature: refined by structure, else as given
   std::vector<double> inverse_depth_sigma;  ///< one a feature if structure ran, else empty
+  /// rad: how much further the target's camera turned than the reference's while its rows were read; none unless proven. T_10
+  /// is of the middle rows; what `features` found is where the images have it, bent.
+  std::optional<Eigen::Vector3d> turn;
   int rounds = 0;
   int visible = 0, aligned = 0,
       inliers = 0;                ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance

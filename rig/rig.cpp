@@ -108,7 +108,9 @@ Plan rig_plan(const Camera& camera, int max_features, int max_pairs, bool masks)
 
 std::vector<RefinedAlignment> align_pairs(Aligner& aligner, const Camera& camera, std::span<const RigPair> pairs,
                                           const SE3& T_rl, const RefinerOptions& options, bool search) {
-  Refiner refiner(aligner, options);
+  RefinerOptions global = options;
+  global.rolling_shutter = false;  // both cameras turn alike: what bends an image is an error, and has to show
+  Refiner refiner(aligner, global);
   const auto batch = static_cast<size_t>(std::max(1, std::min(aligner.plan().max_references, aligner.plan().max_pairs)));
   std::vector<RefinedAlignment> results;
   for (size_t first = 0; first < pairs.size(); first += batch) {

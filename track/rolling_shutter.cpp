@@ -6,7 +6,6 @@
 #include <type_traits>
 #include <vector>
 
-#include <Eigen/Cholesky>
 #include <Eigen/Geometry>
 
 namespace iclk {
@@ -15,10 +14,7 @@ namespace {
 /// Between nodes of a grid the source is interpolated: over so few pixels the way of a turning camera is straight.
 constexpr int kCell = 16;
 constexpr int kRounds = 3;  // row of the source and the camera's turn at that row, in turns
-constexpr double kCauchy = 2.5;
-constexpr int kIterations = 5;
 constexpr double kLeastZ = 1e-3;
-constexpr size_t kLeastSightings = 15;
 /// A camera that turns slower says nothing of its readout. rad/s.
 constexpr double kLeastRate = 0.2;
 /// rad: what is wrong in turns besides the positions.
@@ -132,45 +128,6 @@ void unroll(const TrackFrame& frame, const Camera& camera, const Eigen::Vector3d
         out.depth[at + u] = seen ? reinterpret_cast<const float*>(frame.depth.row(y))[x] / row[u].depth_ratio : 0;
     }
   }
-}
-
-std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
-                                          std::span<const RollingSighting> sightings, double sigma, double prior_sigma) {
-  if (sightings.size() < kLeastSightings) return {};
-  using Vector9d = Eigen::Matrix<double, 9, 1>;
-  using Matrix9d = Eigen::Matrix<double, 9, 9>;
-  SE3 T = T_10;
-  TurnEstimate out;
-  const double prior = 1 / (prior_sigma * prior_sigma);
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
-    Matrix9d H = Matrix9d::Zero();
-    Vector9d b = Vector9d::Zero();
-    for (const RollingSighting& s : sightings) {
-      const double q = s.inverse_depth, at = row_time(camera, s.uv1.y());
-      const Eigen::Vector3d ray = turned(turn_0 * row_time(camera, s.uv0.y())) * camera.ray(s.uv0);
-      const Eigen::Matrix3d R = turned(-out.turn * at);
-      const Eigen::Vector3d p = R * (T.R * ray + q * T.t);
-      if (!(p.z() > kLeastZ)) continue;
-      const Eigen::Matrix<double, 2, 3> J = camera.project_jacobian(p);
-      const Eigen::Vector2d r = (s.uv1 - camera.project(p)) / sigma;
-      Eigen::Matrix<double, 2, 9> A;  // [rho, phi] of the pose, turn
-      A << J * R * T.R * q, -J * R * T.R * hat(ray), at * J * hat(p);
-      A /= sigma;
-      const double w = 1 / (1 + r.squaredNorm() / (kCauchy * kCauchy));
-      H += w * A.transpose() * A;
-      b += w * A.transpose() * r;
-    }
-    H.bottomRightCorner<3, 3>().diagonal().array() += prior;
-    b.tail<3>() -= prior * out.turn;
-    const Eigen::LLT<Matrix9d> solver(H);
-    if (solver.info() != Eigen::Success) return {};
-    const Vector9d step = solver.solve(b);
-    if (!step.allFinite()) return {};
-    T = T * SE3::exp(step.head<6>());
-    out.turn += step.tail<3>();
-    out.covariance = solver.solve(Matrix9d::Identity()).bottomRightCorner<3, 3>();
-  }
-  return out;
 }
 
 ReadoutEstimate::ReadoutEstimate() : votes_(static_cast<size_t>(2 * kVotes)) {}

@@ -23,6 +23,7 @@ double milliseconds_since(Clock::time_point start) {
 
 RefinerOptions for_tracking(RefinerOptions options) {
   options.keep_unconfirmed = true;  // what the alignment says may still be credible (Impl::credible)
+  options.rolling_shutter = false;  // frames are unrolled here, by what the frames before tell as well
   return options;
 }
 

@@ -75,6 +75,9 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_flag_callback(
       "--no-recolour", [this] { refiner.feature_alignment.recolour = false; },
       "Refine on the luma of a target whose colours are not the reference's, not on the grey values that fit the reference");
+  command.add_flag_callback(
+      "--global-shutter", [this] { refiner.rolling_shutter = false; },
+      "Both cameras read all rows at once: a bent image is not asked for, as it is otherwise");
   command.add_flag("--structure", refiner.structure, "Refine the inverse depths along with the pose at the end");
 }
 

@@ -197,6 +197,7 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
           {"grey_weights", grey_weights(result)},
           {"T_10", matrix_json(result.T_10.matrix())},
           {"covariance", matrix_json(covariance_or_nan(result))},
+          {"turn", result.turn ? Json{result.turn->x(), result.turn->y(), result.turn->z()} : Json(nullptr)},
           {"stages", stages(pair, result)},
           {"levels", levels(result.iclk)},
           {"features", features(pair, result)},
@@ -245,6 +246,9 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   }
   out += "\nfeatures   " + feature_line(pair, result) + "\n";
   out += format("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
+  if (result.turn)
+    out += format("shutter    rows read one by one: bent by %.2f deg of turning, which is taken out\n",
+                  kDegrees * result.turn->norm());
   out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
   out += format("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
   if (has_covariance(result)) {

@@ -22,6 +22,7 @@ inline constexpr const char* kResultSchema = "iclk-result-1";
 ///   refined              pose and covariance are the refinement's; false: ICLK's
 ///   T_10                 4x4, row-major nested lists: the final pose, camera 0 to camera 1
 ///   covariance           6x6 of [rho, phi], T_10 = mean Exp(xi); nulls where there is none
+///   turn                 RefinedAlignment::turn: of a rolling shutter, rad; null unless proven
 ///   stages               name, T_10, cost, ms; with a truth e_pixel [px], e_transl [m], e_rot [rad]
 ///   levels               coarse to fine: level, scale, iterations (cost, visible, step, lambda, accepted)
 ///   features             u0, v0, inverse_depth, u1, v1, status; pixels of the undistorted images; with refinement covariance,

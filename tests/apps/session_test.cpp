@@ -318,5 +318,44 @@ TEST(Session, RealPairsMeetTheIssue) {
     }
 }
 
+TEST(Session, RollingShuttersAreSeenInRealPairsAndNotInRenderedOnes) {
+  const std::string kinect = test::data_folder("tum_fr1_360_5"), rendered = test::data_folder("tartan_60");
+  if (kinect.empty() || rendered.empty()) GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5 and tartan_60";
+  SessionOptions session_options;
+  session_options.solver = has_device() ? Solver::device : Solver::cpu;
+  const Sequence turning = load_sequence(kinect);
+  const auto error_of = [&](const Sequence& sequence, const SequencePair& p, bool rolling, bool& turned) {
+    InputOptions options;
+    options.camera = *sequence.camera;
+    session_options.refiner.rolling_shutter = rolling;
+    const PairInput pair = PairLoader(options).load({p.reference, p.target, p.depth, ""});
+    const RefinedAlignment result = Session(session_options).run(pair);
+    EXPECT_TRUE(result.converged() || &sequence != &turning) << result.reason;
+    turned = result.turn.has_value();
+    return pose_error(pair.camera, pair.features, result.T_10, *p.T_10);
+  };
+  const auto pairs = make_pairs(turning, 1);
+  ASSERT_EQ(pairs.size(), 4u);
+  bool turned = false;
+  EXPECT_LE(error_of(turning, pairs[0], true, turned).e_rot * 180 / M_PI, 0.17);
+  EXPECT_FALSE(turned);                                                // as fast before as after
+  const PoseError rolled = error_of(turning, pairs[3], true, turned);  // brakes from 3.5 to 2.7 degrees a frame
+  EXPECT_TRUE(turned);
+  const PoseError plain = error_of(turning, pairs[3], false, turned);
+  EXPECT_FALSE(turned);
+  EXPECT_LE(rolled.e_rot * 180 / M_PI, 0.45);
+  EXPECT_LT(rolled.e_rot, 0.7 * plain.e_rot);
+  EXPECT_LT(rolled.e_transl, 0.7 * plain.e_transl);
+
+  const Sequence exact = load_sequence(rendered);
+  for (const int stride : {1, 3}) {
+    const auto all = make_pairs(exact, stride);
+    for (size_t i = 0; i < all.size(); i += 8) {
+      error_of(exact, all[i], true, turned);
+      EXPECT_FALSE(turned) << stride << " " << i;
+    }
+  }
+}
+
 }  // namespace
 }  // namespace iclk

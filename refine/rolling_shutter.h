@@ -1,0 +1,48 @@
+#pragma once
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <Eigen/Core>
+
+#include <iclk/align/camera.h>
+#include <iclk/align/features.h>
+#include <iclk/align/se3.h>
+#include <iclk/refine/feature_alignment.h>
+
+namespace iclk {
+
+/// When row v of an image was seen, as a share of the readout: -0.5 at the first row, 0.5 at the last, 0 at the frame's time.
+inline double row_time(const Camera& camera, double v) { return (v + 0.5) / camera.height - 0.5; }
+
+/// A feature of a reference, and where it was found in a target.
+struct RollingSighting {
+  Eigen::Vector2d uv0, uv1;
+  double inverse_depth = 0;
+};
+
+/// How far a camera turned while its rows were read, by how that bends the image, as no pose does.
+struct TurnEstimate {
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, in the camera's axes, beyond what the image was unrolled with
+  Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
+  SE3 T_10;                                 ///< found with it
+  Matrix6d pose_share = Matrix6d::Zero();   ///< what the turn's uncertainty adds to the covariance of T_10, [rho, phi]
+  double chi2() const;                      ///< of the turn against none: 3 degrees of freedom
+  double bend(const Camera& camera) const;  ///< px: how far the turn moves a pixel of the first or the last row, at most
+};
+/// Pose and turn together, by robust least squares about T_10. `turn_0`: the reference's own, rad. `sigma`: px, of the
+/// positions; `prior_sigma`: rad, of the turn about zero, an axis. Nothing where the sightings are too few.
+std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
+                                          std::span<const RollingSighting> sightings, double sigma, double prior_sigma);
+
+/// The turn of a pair's target, in relation to its reference's, that the aligned features prove; nothing where they do not.
+/// That both images are bent alike is not seen and does no harm. Proven: chi2() above 50 and bend() above 0.5 px, with the
+/// scatter that the residuals have. Preconditions as of refine_pose().
+std::optional<TurnEstimate> proven_turn(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                                        const SE3& T_10);
+
+/// Where a camera that turned by `turn` while its rows were read would have seen uv, had it read all at once.
+/// Precondition: a turn below a radian.
+Eigen::Vector2d unrolled(const Camera& camera, const Eigen::Vector3d& turn, const Eigen::Vector2d& uv);
+
+}  // namespace iclk

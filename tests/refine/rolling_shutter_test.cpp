@@ -1,0 +1,144 @@
+// What a turning camera whose rows are read one by one does to features, with truth.
+#include <cmath>
+#include <random>
+
+#include <gtest/gtest.h>
+#include <Eigen/Cholesky>
+#include <Eigen/Geometry>
+
+#include <iclk/refine/pose.h>
+#include <iclk/refine/rolling_shutter.h>
+
+namespace iclk::test {
+namespace {
+
+Eigen::Matrix3d rotation(const Eigen::Vector3d& phi) {
+  return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
+}
+
+/// Features of a reference that turned by turn_0 while its rows were read, in a target that turned by turn_1.
+std::vector<RollingSighting> sightings_of(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
+                                          const Eigen::Vector3d& turn_1, double noise, std::mt19937_64& random) {
+  std::uniform_real_distribution<double> u(20, 300), v(20, 220), q(0.1, 0.5);
+  std::normal_distribution<double> normal;
+  std::vector<RollingSighting> out;
+  while (out.size() < 80) {
+    RollingSighting s{{u(random), v(random)}, {}, q(random)};
+    const Eigen::Vector3d X = rotation(turn_0 * row_time(camera, s.uv0.y())) * camera.ray(s.uv0);
+    const Eigen::Vector3d p = T_10.R * X + s.inverse_depth * T_10.t;
+    s.uv1 = camera.project(p);
+    for (int i = 0; i < 20; ++i) s.uv1 = camera.project(rotation(-turn_1 * row_time(camera, s.uv1.y())) * p);
+    s.uv1 += noise * Eigen::Vector2d(normal(random), normal(random));
+    out.push_back(s);
+  }
+  return out;
+}
+
+TEST(RollingShutter, TurnsAreSeenInFeatures) {
+  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const SE3 T_10 = SE3::exp((Vector6d() << 0.1, -0.05, 0.2, 0.03, -0.02, 0.04).finished());
+  const Eigen::Vector3d turn_0(0.01, -0.02, 0.005), turn_1(-0.03, 0.02, 0.04);
+  // From a pose that is off, as it is where the bend was taken for motion.
+  const SE3 start = T_10 * SE3::exp((Vector6d() << 0.02, 0.01, -0.02, 0.004, -0.003, 0.005).finished());
+  const auto exact = sightings_of(camera, T_10, turn_0, turn_1, 0, random);
+  const auto found = estimate_turn(camera, start, turn_0, exact, 0.1, 1);
+  ASSERT_TRUE(found);
+  EXPECT_LT((found->turn - turn_1).norm(), 1e-5);
+  EXPECT_GT((estimate_turn(camera, start, Eigen::Vector3d::Zero(), exact, 0.1, 1)->turn - turn_1).norm(), 5e-3);
+
+  double nees = 0;
+  constexpr int kDraws = 100;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const auto noisy = sightings_of(camera, T_10, turn_0, turn_1, 0.3, random);
+    const auto one = estimate_turn(camera, start, turn_0, noisy, 0.3, 1);
+    ASSERT_TRUE(one);
+    const Eigen::Vector3d e = one->turn - turn_1;
+    nees += e.dot(one->covariance.llt().solve(e)) / kDraws;
+  }
+  EXPECT_NEAR(nees, 3, 1);
+
+  auto outliers = sightings_of(camera, T_10, turn_0, turn_1, 0.3, random);
+  for (size_t i = 0; i < 12; ++i) outliers[i].uv1 += Eigen::Vector2d(15, -20);
+  EXPECT_LT((estimate_turn(camera, start, turn_0, outliers, 0.3, 1)->turn - turn_1).norm(), 0.01);
+  // A prior that knows better holds it; too few features say nothing.
+  EXPECT_LT(estimate_turn(camera, start, turn_0, outliers, 0.3, 1e-6)->turn.norm(), 1e-3);
+  EXPECT_FALSE(estimate_turn(camera, start, turn_0, std::span(exact).first(14), 0.3, 1));
+}
+
+/// A pair of 640x480 whose depths have `depth_error` of their length, as features of the refiner.
+struct BentPair {
+  Camera camera{520, 520, 319.5, 239.5, 640, 480};
+  SE3 T_10 = SE3::exp((Vector6d() << 0.02, -0.01, 0.03, 0.01, -0.04, 0.02).finished());
+  Features features;
+  std::vector<AlignedFeature> aligned;
+
+  BentPair(const Eigen::Vector3d& turn, double depth_error, double outliers, std::mt19937_64& random) {
+    std::uniform_real_distribution<double> u(20, 620), v(20, 460), depth(1, 5), any(0, 1);
+    std::normal_distribution<double> normal;
+    while (features.uv.size() < 150) {
+      const Eigen::Vector2d uv0(u(random), v(random));
+      const double z = depth(random);
+      const Eigen::Vector3d p = T_10.R * camera.ray(uv0) + T_10.t / z;
+      Eigen::Vector2d uv1 = camera.project(p);
+      for (int i = 0; i < 20; ++i) uv1 = camera.project(rotation(-turn * row_time(camera, uv1.y())) * p);
+      if (!(uv1.x() > 8 && uv1.y() > 8 && uv1.x() < 631 && uv1.y() < 471)) continue;
+      uv1 += 0.3 * Eigen::Vector2d(normal(random), normal(random));
+      if (any(random) < outliers) uv1 += Eigen::Vector2d(24 * any(random) - 12, 24 * any(random) - 12);
+      features.uv.push_back(uv0);
+      features.inverse_depth.push_back(1 / (z * (1 + depth_error * normal(random))));
+      AlignedFeature f;
+      f.status = FeatureStatus::aligned;
+      f.uv1 = uv1;
+      f.covariance = 0.01 * Eigen::Matrix2d::Identity();
+      aligned.push_back(f);
+    }
+  }
+};
+
+TEST(RollingShutter, PairIsStraightenedWhereItsFeaturesProveTheBend) {
+  std::mt19937_64 random(11);
+  const Eigen::Vector3d turn(0.009, 0.006, -0.008);  // 4 px at the first and the last row
+  double nees = 0, bent_error = 0, error = 0;
+  constexpr int kDraws = 40;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    const BentPair pair(turn, 0.01, 0.2, random);
+    const PoseResult bent = refine_pose(pair.camera, pair.features, pair.aligned, pair.T_10);
+    const auto found = proven_turn(pair.camera, pair.features, pair.aligned, bent.T_10);
+    ASSERT_TRUE(found) << draw;
+    EXPECT_LT((found->turn - turn).norm(), 0.002) << draw;
+    std::vector<AlignedFeature> straight = pair.aligned;
+    for (AlignedFeature& f : straight) f.uv1 = unrolled(pair.camera, found->turn, f.uv1);
+    const PoseResult pose = refine_pose(pair.camera, pair.features, straight, found->T_10);
+    ASSERT_TRUE(pose.converged()) << pose.reason;
+    EXPECT_GT(pose.inliers, bent.inliers);
+    const Vector6d e = (pose.T_10.inverse() * pair.T_10).log();
+    nees += e.dot((pose.covariance + found->pose_share).llt().solve(e)) / kDraws;
+    bent_error += (bent.T_10.inverse() * pair.T_10).angle() / kDraws;
+    error += (pose.T_10.inverse() * pair.T_10).angle() / kDraws;
+  }
+  EXPECT_LT(error, 0.4 * bent_error);
+  EXPECT_GT(nees, 2);  // 6 where everything is Gaussian
+  EXPECT_LT(nees, 9);
+}
+
+TEST(RollingShutter, WhatIsNotBentStaysAsItIs) {
+  std::mt19937_64 random(13);
+  for (int draw = 0; draw < 150; ++draw) {
+    const double depth_error = draw % 3 == 0 ? 0 : draw % 3 == 1 ? 0.02 : 0.06;
+    const BentPair pair(Eigen::Vector3d::Zero(), depth_error, draw % 2 == 0 ? 0 : 0.3, random);
+    EXPECT_FALSE(proven_turn(pair.camera, pair.features, pair.aligned, pair.T_10)) << draw;
+  }
+  // Nor what bends less than would matter, however sure that is.
+  const BentPair little(Eigen::Vector3d(0.0009, 0, 0), 0, 0, random);
+  EXPECT_FALSE(proven_turn(little.camera, little.features, little.aligned, little.T_10));
+  // Too few, and none.
+  BentPair few(Eigen::Vector3d(0.02, 0, 0), 0, 0, random);
+  for (size_t i = 14; i < few.aligned.size(); ++i) few.aligned[i].status = FeatureStatus::diverged;
+  EXPECT_FALSE(proven_turn(few.camera, few.features, few.aligned, few.T_10));
+  EXPECT_FALSE(proven_turn(few.camera, {}, {}, few.T_10));
+}
+
+}  // namespace
+}  // namespace iclk::test
