@@ -55,6 +55,7 @@ RefinedAlignment unpack(const shaders::RefinedInfo& info, const shaders::Aligned
   for (int i = 0; i < 36; ++i) r.covariance(i / 6, i % 6) = info.covariance[i];
   if (r.refined) {
     r.T_10 = unpack_pose(info.pose);
+    if (const Eigen::Vector3f turn(info.turn[0], info.turn[1], info.turn[2]); !turn.isZero(0)) r.turn = turn.cast<double>();
   } else if (usable(r.status)) {  // ICLK's own stands
     r.reason = r.iclk.reason + "; not refined: " + r.reason;
     r.features.clear();  // what was found is not where the pose puts it
@@ -205,6 +206,7 @@ void DeviceRefiner::record(Recording& base, VkCommandBuffer commands, std::span<
                       push, {features, n, 1});
     m.pose.round(recorder, r->ids, r->memory, *maps.references, n);
   }
+  m.pose.unbend(recorder, r->ids, r->memory, *maps.references, n);
   m.pose.verdict(recorder, r->ids, r->memory, *maps.references, iclk, n);
   if (r->ids.refined_read) {
     recorder.copy(*at(r->ids.refined), *at(*r->ids.refined_read), sizeof(shaders::RefinedInfo) * n);

@@ -28,6 +28,7 @@ void PoseOptions::check() const {
   check_range("pose sigma", sigma, min_sigma, max_sigma);
   check_range("pose max_sigma", max_sigma, min_sigma, 1e3);
   check_range("pose max_depth_sigma", max_depth_sigma, 0, 10);
+  if (camera_sigma) check_range("pose camera_sigma", *camera_sigma, 0, 1e3);
   check_range("pose iterations", iterations, 1, 10000);
   check_range("pose min_features", min_features, 4, 1e6);
   check_range("pose inlier_distance", inlier_distance, 1e-3, 1e3);
@@ -133,7 +134,8 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
   }
   Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
   covariance.GetCovarianceBlockInTangentSpace(last.pose.data(), last.pose.data(), C.data());
-  const internal::SharedErrors shared = internal::shared_errors(camera, used, result.T_10, scale, result.depth_sigma);
+  const internal::SharedErrors shared =
+      internal::shared_errors(camera, used, result.T_10, scale, result.depth_sigma, options.camera_sigma);
   result.calibration_sigma = shared.calibration;
   result.shared = shared.covariance;
   result.covariance = C * internal::variance_factor(norms, scale, 6) + shared.covariance;

@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <span>
 #include <string>
 
@@ -19,6 +20,9 @@ struct PoseOptions {
   /// Features without an inverse_depth_sigma of their own: the largest relative one that the residuals may speak for; 0: none.
   /// A depth that is wrong displaces a feature along its epipolar line, the farther the larger the parallax.
   double max_depth_sigma = 0.03;
+  /// px: standard deviation of focal length and principal point, for the covariance. Nothing: what the residuals allow for. 0:
+  /// a camera that is known, as a renderer's.
+  std::optional<double> camera_sigma;
   double cauchy_scale = 2.5;  ///< a residual of so many floors has half the weight
   int iterations = 50;
   int min_features = 6;           ///< fewer aligned features end in too_few_features
@@ -35,15 +39,15 @@ struct PoseResult {
   /// Of xi in T_10 Exp(xi), twist order [rho, phi]: Ceres's (J^T W J)^-1 times the variance of the residuals as the M-estimator
   /// sees it, and `shared`. Zero unless converged or max_iterations.
   Matrix6d covariance = Matrix6d::Zero();
-  Status status = Status::diverged;    ///< converged, max_iterations, too_few_features, degenerate or diverged
-  std::string reason;                  ///< the status in words, with the numbers that decided it
-  std::string report;                  ///< Ceres's brief report; empty if it never ran
-  double initial_cost = 0;             ///< mean of rho(|r|^2) / 2 over the used features, px^2, before
-  double cost = 0;                     ///< and after
-  double sigma = 0;                    ///< px: robust standard deviation of a residual component
-  double floor = 0;                    ///< px: sigma_0 of the solution
-  double depth_sigma = 0;              ///< relative, of inverse depths without a sigma of their own
-  double calibration_sigma = 0;        ///< px: of focal length and principal point, as far as the residuals allow for an error
+  Status status = Status::diverged;  ///< converged, max_iterations, too_few_features, degenerate or diverged
+  std::string reason;                ///< the status in words, with the numbers that decided it
+  std::string report;                ///< Ceres's brief report; empty if it never ran
+  double initial_cost = 0;           ///< mean of rho(|r|^2) / 2 over the used features, px^2, before
+  double cost = 0;                   ///< and after
+  double sigma = 0;                  ///< px: robust standard deviation of a residual component
+  double floor = 0;                  ///< px: sigma_0 of the solution
+  double depth_sigma = 0;            ///< relative, of inverse depths without a sigma of their own
+  double calibration_sigma = 0;      ///< px: PoseOptions::camera_sigma, as given or as far as the residuals allow for an error
   Matrix6d shared = Matrix6d::Zero();  ///< the part of `covariance` that is of errors which all features share
   int used = 0, inliers = 0, iterations = 0;
 

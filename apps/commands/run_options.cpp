@@ -9,6 +9,7 @@
 #include <iclk/engine/error.h>
 
 #include "apps/commands/command.h"
+#include "apps/io/text.h"
 
 namespace iclk {
 
@@ -78,6 +79,11 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_flag_callback(
       "--global-shutter", [this] { refiner.rolling_shutter = false; },
       "Both cameras read all rows at once: a bent image is not asked for, as it is otherwise");
+  command
+      .add_option("--camera-sigma", camera_sigma,
+                  "How wrong focal length and principal point are, px, for the covariance: auto (what the pair allows for), or "
+                  "a number; 0 where they are exact, as a renderer's")
+      ->capture_default_str();
   command.add_flag("--structure", refiner.structure, "Refine the inverse depths along with the pose at the end");
 }
 
@@ -113,6 +119,12 @@ SessionOptions RunOptions::session(bool guessed) const {
   options.search_guessed = search != "auto";
   options.refine = !no_refine;
   options.refiner = refiner;
+  if (camera_sigma != "auto") {
+    options.refiner.pose.camera_sigma = to_number(camera_sigma);
+    if (!options.refiner.pose.camera_sigma)
+      throw Error(ErrorCode::invalid_argument,
+                  "--camera-sigma '" + printable(camera_sigma) + "' is neither auto nor a number of px");
+  }
   options.refiner.keep_unconfirmed = options.model != nullptr;
   return options;
 }

@@ -18,6 +18,7 @@ struct RunOptions {
   std::optional<double> lambda, carry;
   std::optional<std::string> robust;
   std::optional<bool> photometric;
+  std::string camera_sigma = "auto";
   StartSearch start_search;
   double search_rotation = 0;  // degrees
   RefinerOptions refiner;

@@ -2,6 +2,7 @@
 
 #include "refine_pose.comp.spv.h"
 #include "refine_start.comp.spv.h"
+#include "refine_turn.comp.spv.h"
 #include "refine_verdict.comp.spv.h"
 
 namespace iclk::internal {
@@ -18,6 +19,7 @@ PoseBuffers::PoseBuffers(int max_pairs, int max_features, bool unified_memory) {
   aligned = plan.add("aligned features", sizeof(shaders::AlignedInfo) * all, MemoryKind::device, storage);
   observations = plan.add("observations", sizeof(shaders::ObservationInfo) * all, MemoryKind::device, storage);
   states = plan.add("refinement states", sizeof(shaders::RefineState) * n, MemoryKind::device, storage);
+  turns = plan.add("turns", sizeof(shaders::TurnInfo) * n, MemoryKind::device, storage);
   refined = plan.add("refined", sizeof(shaders::RefinedInfo) * n, MemoryKind::device, storage);
   if (unified_memory) return;
   aligned_read =
@@ -29,18 +31,29 @@ DevicePose::DevicePose(const std::shared_ptr<const engine::Context>& context, co
                        int height) {
   using enum engine::BindingKind;
   constexpr uint32_t bytes = sizeof(shaders::RefinePush);
-  start_ = engine::Kernel(
-      context, {"refine_start", refine_start_comp_spv, {storage_read, storage_read, storage_write, storage_write}, bytes, {}});
+  start_ = engine::Kernel(context, {"refine_start",
+                                    refine_start_comp_spv,
+                                    {storage_read, storage_read, storage_write, storage_write, storage_write},
+                                    bytes,
+                                    {}});
+  // References, pairs, features, where they were found, observations, states, turns; tasks.
   pose_ = engine::Kernel(context, {"refine_pose",
                                    refine_pose_comp_spv,
                                    {storage_read, storage_read, storage_read, storage_read, storage_read_write,
-                                    storage_read_write, storage_read_write},
+                                    storage_read_write, storage_read, storage_read_write},
                                    bytes,
                                    {}});
+  if (options.rolling_shutter)
+    turn_ = engine::Kernel(context, {"refine_turn",
+                                     refine_turn_comp_spv,
+                                     {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_read,
+                                      storage_read_write, storage_read_write},
+                                     bytes,
+                                     {}});
   verdict_ = engine::Kernel(context, {"refine_verdict",
                                       refine_verdict_comp_spv,
                                       {storage_read, storage_read, storage_read, storage_read, storage_read_write,
-                                       storage_read_write, storage_read, storage_write},
+                                       storage_read_write, storage_read, storage_read, storage_write},
                                       bytes,
                                       {}});
   const PoseOptions& pose = options.pose;
@@ -48,6 +61,7 @@ DevicePose::DevicePose(const std::shared_ptr<const engine::Context>& context, co
   push_.min_sigma = static_cast<float>(pose.min_sigma);
   push_.max_sigma = static_cast<float>(pose.max_sigma);
   push_.max_depth_sigma = static_cast<float>(pose.max_depth_sigma);
+  push_.camera_sigma = static_cast<float>(pose.camera_sigma.value_or(-1));
   push_.cauchy_scale = static_cast<float>(pose.cauchy_scale);
   push_.inlier_distance = static_cast<float>(pose.inlier_distance);
   push_.pose_inlier_share = static_cast<float>(pose.min_inlier_share);
@@ -67,16 +81,29 @@ void DevicePose::start(engine::Recorder& recorder, const PoseBuffers& ids, const
   shaders::RefinePush push = push_;
   push.pairs = pairs;
   recorder.stage("pose");
-  recorder.dispatch(start_, {&memory[ids.pairs], &results, &memory[ids.tasks], &memory[ids.states]}, push,
+  recorder.dispatch(start_, {&memory[ids.pairs], &results, &memory[ids.tasks], &memory[ids.states], &memory[ids.turns]}, push,
                     {engine::groups_for(pairs, ICLK_REFINE_GROUP), 1, 1});
 }
 
 void DevicePose::round(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
                        const engine::Buffer& references, uint32_t pairs) const {
   recorder.stage("pose");
-  recorder.dispatch(pose_,
+  estimate(recorder, pose_, ids, memory, references, pairs);
+}
+
+void DevicePose::unbend(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
+                        const engine::Buffer& references, uint32_t pairs) const {
+  if (!turn_) return;
+  recorder.stage("pose");
+  estimate(recorder, *turn_, ids, memory, references, pairs);
+  estimate(recorder, pose_, ids, memory, references, pairs);
+}
+
+void DevicePose::estimate(engine::Recorder& recorder, const engine::Kernel& kernel, const PoseBuffers& ids,
+                          const engine::Workspace& memory, const engine::Buffer& references, uint32_t pairs) const {
+  recorder.dispatch(kernel,
                     {&references, &memory[ids.pairs], &memory[ids.features], &memory[ids.aligned], &memory[ids.observations],
-                     &memory[ids.states], &memory[ids.tasks]},
+                     &memory[ids.states], &memory[ids.turns], &memory[ids.tasks]},
                     push_, {pairs, 1, 1});
 }
 
@@ -85,13 +112,14 @@ void DevicePose::verdict(engine::Recorder& recorder, const PoseBuffers& ids, con
   recorder.stage("verdict");
   recorder.dispatch(verdict_,
                     {&references, &memory[ids.pairs], &memory[ids.features], &memory[ids.aligned], &memory[ids.observations],
-                     &memory[ids.states], &results, &memory[ids.refined]},
+                     &memory[ids.states], &memory[ids.turns], &results, &memory[ids.refined]},
                     push_, {pairs, 1, 1});
 }
 
 void DevicePose::add_to(engine::ArenaSize& size) const {
   size.add(start_);
   size.add(pose_);
+  if (turn_) size.add(*turn_);
   size.add(verdict_);
 }
 

@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <optional>
 
 #include <iclk/engine/kernel.h>
 #include <iclk/engine/memory.h>
@@ -14,7 +15,7 @@ namespace iclk::internal {
 struct PoseBuffers {
   PoseBuffers(int pairs, int features, bool unified_memory);
   engine::MemoryPlan plan;
-  engine::BufferId pairs, features, tasks, aligned, observations, states, refined;
+  engine::BufferId pairs, features, tasks, aligned, observations, states, turns, refined;
   std::optional<engine::BufferId> aligned_read, refined_read;  // where device memory cannot be mapped
 };
 
@@ -29,14 +30,21 @@ class DevicePose {
   /// Poses of what feature alignment has found, and the tasks of the next round.
   void round(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
              const engine::Buffer& references, uint32_t pairs) const;
+  /// After the last round, where RefinerOptions::rolling_shutter: the turns that features prove, and the poses without them.
+  void unbend(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
+              const engine::Buffer& references, uint32_t pairs) const;
   void verdict(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
                const engine::Buffer& references, const engine::Buffer& results, uint32_t pairs) const;
 
   void add_to(engine::ArenaSize& size) const;
 
  private:
+  void estimate(engine::Recorder& recorder, const engine::Kernel& kernel, const PoseBuffers& ids,
+                const engine::Workspace& memory, const engine::Buffer& references, uint32_t pairs) const;
+
   shaders::RefinePush push_{};
   engine::Kernel start_, pose_, verdict_;
+  std::optional<engine::Kernel> turn_;
 };
 
 }  // namespace iclk::internal

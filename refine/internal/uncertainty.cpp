@@ -49,6 +49,36 @@ double minus_log_likelihood(std::span<const Sample> samples, double floor, doubl
   return 0.5 * (sum + std::log(product));
 }
 
+/// SharedErrors::calibration by the residuals `y`: their Jacobian by the pose is J, by the calibration `calibration`.
+double calibration_sigma(const Eigen::MatrixXd& J, const Eigen::MatrixXd& calibration, const Eigen::VectorXd& y,
+                         double variance) {
+  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(J);
+  const Eigen::MatrixXd Q = qr.householderQ() * Eigen::MatrixXd::Identity(J.rows(), 6);
+  const Eigen::MatrixXd seen = calibration - Q * (Q.transpose() * calibration);
+  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(seen.transpose() * seen);
+  // Along the eigenvectors the restricted likelihood falls apart into three of one variable each.
+  const Eigen::Vector3d s = eigen.eigenvalues(), b = eigen.eigenvectors().transpose() * (seen.transpose() * y);
+  constexpr int kSigmas = 10;
+  std::array<double, kSigmas + 1> tau{}, log_weight{};
+  for (int k = 0; k <= kSigmas; ++k) {
+    if (k > 0) tau[k] = std::pow(0.02 * std::pow(100.0, static_cast<double>(k - 1) / (kSigmas - 1)), 2);
+    log_weight[k] = k == 0 ? std::log(kSigmas) : 0;  // half of the prior's weight
+    for (int j = 0; j < 3; ++j) {
+      if (4 * s[j] < 1e-4 * variance) continue;  // not even 2 px show; of a plane one direction is rounding alone
+      const double v = variance + tau[k] * s[j];
+      log_weight[k] -= 0.5 * (std::log(v) + b[j] * b[j] / (s[j] * v));
+    }
+  }
+  const double most = *std::max_element(log_weight.begin(), log_weight.end());
+  double sum = 0, mean = 0;
+  for (int k = 0; k <= kSigmas; ++k) {
+    const double weight = std::exp(log_weight[k] - most);
+    sum += weight;
+    mean += weight * tau[k];
+  }
+  return std::sqrt(mean / sum);
+}
+
 }  // namespace
 
 PositionErrors position_errors(const Camera& camera, std::span<const Observation> observations, const SE3& T_10,
@@ -101,7 +131,7 @@ void whiten(const Camera& camera, std::span<Observation> observations, const SE3
 }
 
 SharedErrors shared_errors(const Camera& camera, std::span<const Observation> observations, const SE3& T_10, double scale,
-                           double relative_depth) {
+                           double relative_depth, std::optional<double> camera_sigma) {
   // Rows are whitened and weighted as the M-estimator has them; columns: six of the pose, then the shared parameters.
   const auto rows = static_cast<Eigen::Index>(2 * observations.size());
   Eigen::MatrixXd J = Eigen::MatrixXd::Zero(rows, 6), calibration = Eigen::MatrixXd::Zero(rows, 3);
@@ -134,35 +164,13 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
   SharedErrors shared;
   if (!(variance > 0)) return shared;
 
-  const Eigen::HouseholderQR<Eigen::MatrixXd> qr(J);
-  const Eigen::MatrixXd Q = qr.householderQ() * Eigen::MatrixXd::Identity(rows, 6);
-  const Eigen::MatrixXd seen = calibration - Q * (Q.transpose() * calibration);
-  const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(seen.transpose() * seen);
-  // Along the eigenvectors the restricted likelihood falls apart into three of one variable each.
-  const Eigen::Vector3d s = eigen.eigenvalues(), b = eigen.eigenvectors().transpose() * (seen.transpose() * y);
-  constexpr int kSigmas = 10;
-  std::array<double, kSigmas + 1> tau{}, log_weight{};
-  for (int k = 0; k <= kSigmas; ++k) {
-    if (k > 0) tau[k] = std::pow(0.02 * std::pow(100.0, static_cast<double>(k - 1) / (kSigmas - 1)), 2);
-    log_weight[k] = k == 0 ? std::log(kSigmas) : 0;  // half of the prior's weight
-    for (int j = 0; j < 3; ++j) {
-      if (4 * s[j] < 1e-4 * variance) continue;  // not even 2 px show; of a plane one direction is rounding alone
-      const double v = variance + tau[k] * s[j];
-      log_weight[k] -= 0.5 * (std::log(v) + b[j] * b[j] / (s[j] * v));
-    }
-  }
-  const double most = *std::max_element(log_weight.begin(), log_weight.end());
-  double sum = 0, mean = 0;
-  for (int k = 0; k <= kSigmas; ++k) {
-    const double weight = std::exp(log_weight[k] - most);
-    sum += weight;
-    mean += weight * tau[k];
-  }
-  shared.calibration = std::sqrt(mean / sum);
+  shared.calibration = camera_sigma.value_or(0);
+  if (!camera_sigma) shared.calibration = calibration_sigma(J, calibration, y, variance);
   const Eigen::LDLT<Matrix6d> H(J.transpose() * J);
   const Eigen::Matrix<double, 6, 3> by_calibration = H.solve(J.transpose() * calibration);
   const Vector6d by_depth = kCommonDepth * H.solve(J.transpose() * depth);
-  shared.covariance = mean / sum * by_calibration * by_calibration.transpose() + by_depth * by_depth.transpose();
+  shared.covariance =
+      shared.calibration * shared.calibration * by_calibration * by_calibration.transpose() + by_depth * by_depth.transpose();
   return shared;
 }
 

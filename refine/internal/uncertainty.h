@@ -1,4 +1,5 @@
 #pragma once
+#include <optional>
 #include <span>
 
 #include <iclk/refine/internal/reprojection.h>
@@ -32,13 +33,14 @@ struct SharedErrors {
 ///
 ///   calibration  focal length and principal point, px. Half a pixel is soon lost between two conventions of a pixel's centre.
 ///                sigma_c is the posterior mean over [0.02, 2] px and zero (with half of the prior's weight) by the restricted
-///                likelihood of the residuals, the part that six parameters of the pose cannot have taken up.
+///                likelihood of the residuals, the part that six parameters of the pose cannot have taken up; or
+///                `camera_sigma`.
 ///   depth        maps of depth are too near or too far as a whole, too, which a translation hides altogether: half of what
 ///                single depths are off by is taken to be common.
 ///
 /// `scale`: of the Cauchy loss, px. Precondition: the observations determine the pose.
 SharedErrors shared_errors(const Camera& camera, std::span<const Observation> observations, const SE3& T_10, double scale,
-                           double relative_depth);
+                           double relative_depth, std::optional<double> camera_sigma = {});
 
 /// What errors of the inverse depths do to a pose that every patch of 8x8 pixels that it puts into image 1 has had the same say
 /// in: the part of the covariance of ICLK's own pose that its residuals cannot show. The sigma is the feature's own, else

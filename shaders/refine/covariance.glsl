@@ -122,7 +122,7 @@ void shared_errors(Pose T, float scale, float relative_depth, float psi2, float 
     all += weight;
     mean += weight * tau;
   }
-  mean /= all;
+  mean = push.camera_sigma < 0.0 ? mean / all : push.camera_sigma * push.camera_sigma;
   [[dont_unroll]] for (int k = 0; k < 36; ++k) {
     int i = k / 6, j = k % 6;
     float t = by[i] * by[j] + by[6 + i] * by[6 + j] + by[12 + i] * by[12 + j];

@@ -1,4 +1,4 @@
-// One pair a workgroup, its features strided over the invocations: what refine_pose.comp and refine_verdict.comp share.
+// One pair a workgroup, its features strided over the invocations: what refine_pose, refine_turn and refine_verdict share.
 // refine/internal/reprojection.cpp has the same in double precision.
 // Every invocation holds the same pose and sums, so branches on them are uniform and barriers within them legal.
 #include "shared.h"
@@ -13,6 +13,11 @@ layout(set = 0, binding = 2, std430) readonly buffer FeatureList { FeatureInfo f
 layout(set = 0, binding = 3, std430) readonly buffer Aligned { AlignedInfo aligned[]; };
 layout(set = 0, binding = 4, std430) buffer Observations { ObservationInfo observations[]; };
 layout(set = 0, binding = 5, std430) buffer States { RefineState states[]; };
+#ifdef ICLK_FINDS_TURNS
+layout(set = 0, binding = 6, std430) buffer Turns { TurnInfo turns[]; };
+#else
+layout(set = 0, binding = 6, std430) readonly buffer Turns { TurnInfo turns[]; };
+#endif
 layout(push_constant) uniform Push { RefinePush push; };
 
 const uint ALIGNED = 0, LOW_TEXTURE = 3, HIDDEN = 6;                                                   // FeatureStatus
@@ -22,6 +27,7 @@ const float INFINITE = 3.0e38;
 uint lane;
 RefinePair pair;
 ReferenceInfo reference;
+vec3 turn;  // of the target while its rows were read
 
 #define EACH_FEATURE(i) for (uint i = pair.first_feature + lane; i < pair.first_feature + pair.feature_count; \
                              i += ICLK_REFINE_GROUP)
@@ -30,6 +36,7 @@ void begin(uint index) {
   lane = gl_LocalInvocationID.x;
   pair = pairs[index];
   reference = references[pair.reference];
+  turn = vec3(turns[index].turn[0], turns[index].turn[1], turns[index].turn[2]);
   if (pair.unit == 0.0) pair.unit = reference.mean_inverse_depth > 0.0 ? reference.mean_inverse_depth : 1.0;
 }
 
@@ -38,6 +45,20 @@ FeatureInfo feature_at(uint i) {
   FeatureInfo f = features[i];
   f.inverse_depth /= pair.unit;
   return f;
+}
+
+// row_time() of refine/rolling_shutter.h.
+float row_time(float v) { return (v + 0.5) / float(push.height) - 0.5; }
+
+mat3 turned_by(vec3 phi) { return se3_exp(vec3(0.0), phi).R; }
+
+// Where a feature was found, as a camera has it that reads all rows at once: unrolled().
+vec2 position_of(uint i) {
+  vec2 uv = vec2(aligned[i].u, aligned[i].v);
+  if (turn == vec3(0.0)) return uv;
+  vec2 focal = vec2(reference.fx, reference.fy), principal = vec2(reference.cx, reference.cy);
+  vec3 p = turned_by(turn * row_time(uv.y)) * vec3((uv - principal) / focal, 1.0);
+  return p.xy / p.z * focal + principal;
 }
 
 Pose scaled(Pose T, float unit) { return Pose(T.R, T.t * unit); }
@@ -106,7 +127,7 @@ Rows whitened(vec3 W, Rows J) {
 
 // Squared norm of the whitened residual, infinite behind the camera; r: the residual itself.
 float square_of(uint i, Projection x, out vec2 r) {
-  r = x.uv1 - vec2(aligned[i].u, aligned[i].v);
+  r = x.uv1 - position_of(i);
   vec2 w = whitened(W_of(i), r);
   return x.in_front ? dot(w, w) : INFINITE;
 }
@@ -114,7 +135,7 @@ float square_of(uint i, Projection x, out vec2 r) {
 // Whether the pose puts a feature within so many px of where it was found.
 bool is_near(uint i, Pose T, float distance) {
   Projection x = project(feature_at(i), T);
-  return x.in_front && length(x.uv1 - vec2(aligned[i].u, aligned[i].v)) <= distance;
+  return x.in_front && length(x.uv1 - position_of(i)) <= distance;
 }
 
 // --- sums over the workgroup ---

@@ -49,7 +49,7 @@ vec2 position_errors(Pose T) {
     if (base + lane < pair.feature_count && observations[i].used != 0u) {
       FeatureInfo f = feature_at(i);
       Projection x = project(f, T);
-      vec2 r = x.uv1 - vec2(aligned[i].u, aligned[i].v);
+      vec2 r = x.uv1 - position_of(i);
       samples[lane] = vec4(r, along_epipolar(x, f.inverse_depth, T));
       bool near = x.in_front && length(r) <= 2.0 * push.inlier_distance;
       spreads[lane] = vec4(aligned[i].covariance_uu, aligned[i].covariance_uv, aligned[i].covariance_vv,

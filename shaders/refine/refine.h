@@ -62,6 +62,13 @@ struct RefineState {
   uint rounds;  // 0: ICLK's pose is none to refine
 };
 
+// What the features prove of the target's turn while its rows were read: TurnEstimate of refine/rolling_shutter.h.
+struct TurnInfo {
+  float turn[3];         // rad; zero: none is proven
+  float pose_share[36];  // what its uncertainty adds to the covariance of the pose, in the unit of RefinePair
+  RefineState before;    // without it
+};
+
 // A feature while a pose is refined.
 struct ObservationInfo {
   float W_uu, W_uv, W_vv;  // whitens its residual
@@ -82,12 +89,14 @@ struct RefinedInfo {
   float correction;  // px: median over the features of what refinement moved them by
   uint pose_status;  // iclk::Status of the last round's pose
   uint used;         // features that this pose is of
-  float unused;
+  float turn[3];     // rad, of the target while its rows were read, which is taken out of the pose
 };
 
 // PoseOptions and RefinerOptions.
 struct RefinePush {
-  float sigma, min_sigma, max_sigma, max_depth_sigma, cauchy_scale, inlier_distance, pose_inlier_share;
+  float sigma, min_sigma, max_sigma, max_depth_sigma;
+  float camera_sigma;  // below 0: by the residuals
+  float cauchy_scale, inlier_distance, pose_inlier_share;
   uint iterations, min_features;
   float round_tolerance;
   uint min_inliers;

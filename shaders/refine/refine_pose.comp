@@ -8,9 +8,10 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "refine/observations.glsl"
-layout(set = 0, binding = 6, std430) buffer Tasks { FeatureTask tasks[]; };
+layout(set = 0, binding = 7, std430) buffer Tasks { FeatureTask tasks[]; };
 #include "refine/solve.glsl"
 #include "refine/position_errors.glsl"
+#include "refine/whiten.glsl"
 
 // log(1 + x), x >= 0, without the rounding of 1 + x.
 float log1p(float x) {
@@ -88,36 +89,6 @@ Pose minimise(Pose T, float scale, out uint status, out float cost) {
     next.R = orthonormalized(next.R);
   }
   return T;
-}
-
-// Sets W anew at T.
-void whiten(Pose T, float floor, float depth) {
-  EACH_FEATURE(i) {
-    if (observations[i].used == 0u) continue;
-    FeatureInfo f = feature_at(i);
-    vec2 along = (f.relative_sigma > 0.0 ? f.relative_sigma : depth) * along_epipolar(project(f, T), f.inverse_depth, T);
-    vec3 W = whitening(vec3(aligned[i].covariance_uu, aligned[i].covariance_uv, aligned[i].covariance_vv) +
-                           vec3(along.x * along.x, along.x * along.y, along.y * along.y), floor);
-    observations[i].W_uu = W.x;
-    observations[i].W_uv = W.y;
-    observations[i].W_vv = W.z;
-  }
-}
-
-// How many observations take part at T.
-float observe(Pose T) {
-  float s[SUMS];
-  clear(s);
-  EACH_FEATURE(i) {
-    FeatureInfo f = feature_at(i);
-    vec3 C = vec3(aligned[i].covariance_uu, aligned[i].covariance_uv, aligned[i].covariance_vv);
-    bool used = f.inverse_depth > 0.0 && aligned[i].status == ALIGNED && project(f, T).in_front;
-    used = used && is_finite(aligned[i].u + aligned[i].v) && is_finite(C.x + C.y + C.z);
-    observations[i].used = used ? 1u : 0u;
-    if (used) s[0] += 1.0;
-  }
-  sum(s);
-  return s[0];
 }
 
 void main() {

@@ -1,6 +1,6 @@
 #version 460
 // Refinement begins at the poses that ICLK found: the first tasks of feature alignment.
-// Inputs: pairs, ICLK's results. Outputs: tasks, states. Groups: (ceil(pairs / 64), 1, 1).
+// Inputs: pairs, ICLK's results. Outputs: tasks, states, turns of zero. Groups: (ceil(pairs / 64), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "refine/refine.h"
@@ -9,6 +9,7 @@ layout(set = 0, binding = 0, std430) readonly buffer Pairs { RefinePair pairs[];
 layout(set = 0, binding = 1, std430) readonly buffer Results { ResultInfo results[]; };
 layout(set = 0, binding = 2, std430) writeonly buffer Tasks { FeatureTask tasks[]; };
 layout(set = 0, binding = 3, std430) writeonly buffer States { RefineState states[]; };
+layout(set = 0, binding = 4, std430) writeonly buffer Turns { TurnInfo turns[]; };
 layout(push_constant) uniform Push { RefinePush push; };
 
 void main() {
@@ -19,4 +20,5 @@ void main() {
   tasks[index] = FeatureTask(pair.reference, pair.pair, pair.first_feature, usable ? pair.feature_count : 0u, 0u,
                              results[index].pose);
   states[index] = RefineState(results[index].pose, 0.0, 0.0, 0.0, 0u, 0u, results[index].status, 0u);
+  turns[index].turn = float[3](0.0, 0.0, 0.0);
 }

@@ -5,10 +5,11 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "refine/observations.glsl"
-layout(set = 0, binding = 6, std430) readonly buffer Results { ResultInfo results[]; };
-layout(set = 0, binding = 7, std430) writeonly buffer Refined { RefinedInfo refined[]; };
+layout(set = 0, binding = 7, std430) readonly buffer Results { ResultInfo results[]; };
+layout(set = 0, binding = 8, std430) writeonly buffer Refined { RefinedInfo refined[]; };
 #include "refine/solve.glsl"
 #include "refine/medians.glsl"
+#include "refine/whiten.glsl"
 #include "refine/covariance.glsl"
 
 shared float factor_of_variance;
@@ -94,6 +95,20 @@ void main() {
   uint index = gl_WorkGroupID.x;
   begin(index);
   RefineState state = states[index];
+  bool bent = turn != vec3(0.0);
+  if (bent) {
+    RefineState before = turns[index].before;
+    bent = state.status <= MAX_ITERATIONS && state.inliers >= before.inliers;
+    if (bent) {
+      state.rounds = before.rounds;
+    } else {
+      state = before;
+      turn = vec3(0.0);
+      observe(pose_of(state.pose));
+      whiten(pose_of(state.pose), state.floor, state.depth_sigma);
+    }
+    barrier();
+  }
   uint iclk_status = results[index].status, status = iclk_status, pose_status = state.status;
   bool is_refined = false, keeps = false;  // keeps: ICLK's own pose stands, which the features neither confirm nor refute
   vec3 counts = vec3(0.0);
@@ -131,13 +146,14 @@ void main() {
   }
   barrier();
   if (lane < 36u) {
-    float part = shared_part[lane] / ((lane / 6u < 3u ? pair.unit : 1.0) * (lane % 6u < 3u ? pair.unit : 1.0));
+    float share = is_refined && bent ? turns[index].pose_share[lane] : 0.0;
+    float part = (shared_part[lane] + share) / ((lane / 6u < 3u ? pair.unit : 1.0) * (lane % 6u < 3u ? pair.unit : 1.0));
     bool own = keeps || state.rounds == 0u;
     refined[index].covariance[lane] =
         is_refined ? part : (own ? results[index].covariance[lane] : 0.0) + (keeps ? part : 0.0);
   }
   if (lane < 12u) {
-    float found = states[index].pose[lane] / (lane % 4u == 3u ? pair.unit : 1.0);
+    float found = state.pose[lane] / (lane % 4u == 3u ? pair.unit : 1.0);
     refined[index].pose[lane] = is_refined ? found : results[index].pose[lane];
   }
   if (lane != 0u) return;
@@ -152,5 +168,6 @@ void main() {
   refined[index].correction = moved;
   refined[index].pose_status = pose_status;
   refined[index].used = state.used;
-  refined[index].unused = 0.0;
+  bool stated = is_refined && bent;
+  refined[index].turn = float[3](stated ? turn.x : 0.0, stated ? turn.y : 0.0, stated ? turn.z : 0.0);
 }

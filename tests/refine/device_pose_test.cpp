@@ -11,6 +11,7 @@
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/uncertainty.h>
 
+#include "bent_pair.h"
 #include "correspondences.h"
 #include "device.h"
 
@@ -106,10 +107,11 @@ std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& o
   const auto count = static_cast<uint32_t>(n);
   pose.start(recorder, ids, memory, host[iclk], count);
   pose.round(recorder, ids, memory, host[references], count);
+  recorder.copy(memory[ids.tasks], host[tasks], sizeof(shaders::FeatureTask) * n);
+  pose.unbend(recorder, ids, memory, host[references], count);
   pose.verdict(recorder, ids, memory, host[references], host[iclk], count);
   recorder.copy(memory[ids.refined], host[refined], sizeof(shaders::RefinedInfo) * n);
   recorder.copy(memory[ids.states], host[states], sizeof(shaders::RefineState) * n);
-  recorder.copy(memory[ids.tasks], host[tasks], sizeof(shaders::FeatureTask) * n);
   recorder.host_read({&host[refined], &host[states], &host[tasks]});
   recorder.finish();
   submission.end();
@@ -212,6 +214,18 @@ TEST(DevicePose, AgreesWithCeres) {
   }
 }
 
+TEST(DevicePose, AGivenCameraIsBelieved) {
+  ICLK_NEED_DEVICE();
+  const Case c = case_of(deep_scene(), 80, 0.05, 0.1, 3);
+  RefinerOptions options;
+  for (const double sigma : {0.0, 0.4}) {
+    options.pose.camera_sigma = sigma;
+    const Matrix6d expected = refine_pose(c.camera, c.features, c.aligned, c.T_10, options.pose).covariance;
+    EXPECT_LT(difference(expected, run({c}, options)[0].covariance), 0.03);
+    EXPECT_GT(difference(expected, run({c})[0].covariance), 0.1);
+  }
+}
+
 TEST(DevicePose, UnitsOfLengthDropOut) {
   ICLK_NEED_DEVICE();
   std::vector<Case> cases{case_of(test::wide_scene(), 80, 0.05, 0.1, 3, 0.01)};
@@ -230,6 +244,42 @@ TEST(DevicePose, UnitsOfLengthDropOut) {
     covariance.topRows<3>() /= unit;
     covariance.leftCols<3>() /= unit;
     EXPECT_LT(difference(outcomes[0].covariance, covariance), 0.01);
+  }
+}
+
+TEST(DevicePose, TakesOutABendThatIsProven) {
+  ICLK_NEED_DEVICE();
+  std::mt19937_64 random(17);
+  std::vector<Case> cases;
+  for (const Eigen::Vector3d& turn : {Eigen::Vector3d(0.009, 0.006, -0.008), {0, 0.02, 0}, {-0.004, 0, 0.03}, {0, 0, 0}}) {
+    const test::BentPair pair(turn, 0.01, 0.2, random);
+    cases.push_back({pair.camera, pair.features, pair.aligned, pair.T_10});
+  }
+  RefinerOptions global;
+  global.rolling_shutter = false;
+  const auto outcomes = run(cases), as_they_are = run(cases, global);
+  for (size_t i = 0; i < cases.size(); ++i) {
+    SCOPED_TRACE(i);
+    const Case& c = cases[i];
+    const PoseResult bent = refine_pose(c.camera, c.features, c.aligned, c.T_10);
+    const auto found = proven_turn(c.camera, c.features, c.aligned, bent.T_10);
+    ASSERT_EQ(found.has_value(), i < 3);
+    const Eigen::Vector3d turn(outcomes[i].info.turn[0], outcomes[i].info.turn[1], outcomes[i].info.turn[2]);
+    EXPECT_EQ(outcomes[i].info.rounds, 1u);
+    if (bent.converged()) EXPECT_LT(motion(c, as_they_are[i].T_10, bent.T_10), 5e-3);
+    EXPECT_EQ(as_they_are[i].info.turn[1], 0);
+    if (!found) {
+      EXPECT_EQ(turn, Eigen::Vector3d::Zero());
+      EXPECT_EQ(std::memcmp(outcomes[i].info.pose, as_they_are[i].info.pose, sizeof outcomes[i].info.pose), 0);
+      continue;
+    }
+    EXPECT_LT((turn - found->turn).norm(), 2e-5);
+    std::vector<AlignedFeature> straight = c.aligned;
+    for (AlignedFeature& f : straight) f.uv1 = unrolled(c.camera, found->turn, f.uv1);
+    const PoseResult expected = refine_pose(c.camera, c.features, straight, found->T_10);
+    EXPECT_LT(motion(c, outcomes[i].T_10, expected.T_10), 5e-3);
+    EXPECT_NEAR(outcomes[i].info.inliers, expected.inliers, 1);
+    EXPECT_LT(difference(expected.covariance + found->pose_share, outcomes[i].covariance), 0.03);
   }
 }
 

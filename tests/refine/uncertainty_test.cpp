@@ -153,6 +153,20 @@ TEST(Uncertainty, AWrongPrincipalPointIsAllowedFor) {
   EXPECT_LT(refine_pose(kCamera, right.features, right.aligned, right.T_10).calibration_sigma, 0.3);
 }
 
+// What the caller knows of the camera stands in the place of what residuals allow for.
+TEST(Uncertainty, AGivenCameraIsBelieved) {
+  PoseOptions exact, vague;
+  exact.camera_sigma = 0;
+  vague.camera_sigma = 0.5;
+  const double known = judge(150, {}, false, exact).nees;
+  EXPECT_GT(known, judge(150, {}, false).nees);
+  EXPECT_NEAR(known, 1, 0.25);
+  EXPECT_GT(judge(150, {.principal_point = {0.5, -0.5}}, false, exact).nees, 3);
+  EXPECT_LT(judge(150, {.principal_point = {0.5, -0.5}}, false, vague).nees, 1);
+  vague.camera_sigma = -1;
+  EXPECT_THROW(vague.check(), Error);
+}
+
 TEST(Uncertainty, StillMovingIsNotCertain) {
   const Observed o = observe(50, {}, 2);
   PoseOptions options;
