@@ -16,12 +16,10 @@ namespace iclk {
 /// Ways to compute the same 3x3 convolution.
 enum class ConvVariant {
   direct,       ///< register tile; the fewest bytes
-  winograd2,    ///< F(2x2, 3x3): 16 products for 4 pixels instead of 36
   winograd4,    ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
   winograd4x1,  ///< F(4x1, 3x3): 18 products for 4 pixels instead of 36, in a register tile as `direct` has
 };
-constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
-                                         ConvVariant::winograd4x1};
+constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1};
 const char* name(ConvVariant variant);
 
 /// A layer of an encoder at the size at which it is computed, pixels, and the precision of what goes in and out. The last layer

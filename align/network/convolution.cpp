@@ -10,10 +10,6 @@
 #include "conv_border.comp.spv.h"
 #include "conv_direct.comp.spv.h"
 #include "conv_direct_plain.comp.spv.h"
-#include "winograd2_fused.comp.spv.h"
-#include "winograd2_input.comp.spv.h"
-#include "winograd2_product.comp.spv.h"
-#include "winograd2_product_plain.comp.spv.h"
 #include "winograd4_fused.comp.spv.h"
 #include "winograd4_input.comp.spv.h"
 #include "winograd4_product.comp.spv.h"
@@ -26,6 +22,7 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
+constexpr uint32_t kTileSize = 4;  // pixels a side that Winograd's tiles make
 // Transformed tiles of a strip: what a CPU's caches hold; elsewhere enough for all of its cores.
 constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
 constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
@@ -34,7 +31,7 @@ constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
 // shaders/convolution/winograd_tile.glsl.
 struct Tiles {
   Tiles(const ConvStep& step, uint32_t lanes) {
-    const uint32_t span = tile_size(step.variant) * step.dilation;
+    const uint32_t span = kTileSize * step.dilation;
     x = engine::groups_for(step.out.width, span);
     y = engine::groups_for(step.out.height, span);
     all = static_cast<uint64_t>(x) * y * step.dilation * step.dilation * step.out.images;
@@ -60,7 +57,7 @@ uint64_t fused_texels(const ConvStep& step) {
 // 65,535 turns, all of them together, and says nothing.
 uint64_t most_item_blocks(const ConvStep& step) {
   constexpr uint64_t turns = 50'000;
-  const uint64_t m = tile_size(step.variant) + 2, planes = step.in.planes(),
+  const uint64_t m = kTileSize + 2, planes = step.in.planes(),
                  transform = ICLK_WINOGRAD_TILES * (1 + planes * (1 + m)),
                  block = 1 + m * (1 + m * ((planes + 1) / 2)) + std::max<uint64_t>(m, ICLK_WINOGRAD_TILES);
   return transform < turns ? (turns - transform) / block : 0;
@@ -118,18 +115,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
     wanted.add(kernel,
                {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), {direct_lanes_, half}});
   };
-  const auto winograd = [&](const ConvStep& step, Spirv input, Spirv product, Spirv fused) {
-    Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
-    constexpr uint32_t bytes = sizeof(shaders::WinogradPush);
-    const std::vector<uint32_t> constants{product_lanes_, half, step.reduced};
-    if (step.fused) {
-      wanted.add(kernels.fused[step.reduced],
-                 {"encode", fused, {image_read, image_read, storage_write, storage_read_write, texel_read}, bytes, constants});
-      return;
-    }
-    wanted.add(kernels.input, {"encode", input, {texel_read, storage_write}, bytes, {kInputLanes}});
-    wanted.add(kernels.product[step.reduced], {"encode", product, {image_read, image_read, storage_write}, bytes, constants});
-  };
+  constexpr uint32_t kWinogradBytes = sizeof(shaders::WinogradPush);
   const auto choose = [&](Spirv shared, Spirv plain) { return shuffle ? shared : plain; };
   for (const ConvStep& step : steps) switch (step.variant) {
       case ConvVariant::direct: columns(direct_, choose(conv_direct_comp_spv, conv_direct_plain_comp_spv)); break;
@@ -139,13 +125,22 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
         else
           columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
         break;
-      case ConvVariant::winograd2:
-        winograd(step, winograd2_input_comp_spv, choose(winograd2_product_comp_spv, winograd2_product_plain_comp_spv),
-                 winograd2_fused_comp_spv);
-        break;
       case ConvVariant::winograd4:
-        winograd(step, winograd4_input_comp_spv, choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
-                 winograd4_fused_comp_spv);
+        if (step.fused) {
+          wanted.add(tile_fused_[step.reduced], {"encode",
+                                                 winograd4_fused_comp_spv,
+                                                 {image_read, image_read, storage_write, storage_read_write, texel_read},
+                                                 kWinogradBytes,
+                                                 {product_lanes_, half, step.reduced}});
+          break;
+        }
+        wanted.add(tile_input_,
+                   {"encode", winograd4_input_comp_spv, {texel_read, storage_write}, kWinogradBytes, {kInputLanes}});
+        wanted.add(tile_product_[step.reduced], {"encode",
+                                                 choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
+                                                 {image_read, image_read, storage_write},
+                                                 kWinogradBytes,
+                                                 {product_lanes_, half, step.reduced}});
         break;
     }
   wanted.make();
@@ -180,7 +175,6 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
 
 void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
                                const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
-  const Winograd& kernels = winograd_[tile_size(step.variant) / 2 - 1];
   const Tiles tiles(step, product_lanes_);
   const TensorLayout& to = step.reduced ? step.half : step.out;
   const uint64_t group = group_tiles(product_lanes_), groups = (tiles.all + group - 1) / group;
@@ -197,7 +191,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
     const uint32_t blocks = engine::groups_for(step.out.channels, kBlock);
     push.counter = step.counter;
     // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
-    recorder.dispatch(kernels.fused[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
+    recorder.dispatch(tile_fused_[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
                       spread(1, 2 * groups * engine::groups_for(blocks, push.item_blocks), 1));
     return;
   }
@@ -207,9 +201,9 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
   for (uint64_t first = 0; first < tiles.all; first += strip) {
     push.first_tile = static_cast<uint32_t>(first);
     push.tiles = static_cast<uint32_t>(std::min(strip, tiles.all - first));
-    recorder.dispatch(kernels.input, {&in, &scratch}, push, {engine::groups_for(push.tiles, kInputLanes), push.in_planes, 1});
+    recorder.dispatch(tile_input_, {&in, &scratch}, push, {engine::groups_for(push.tiles, kInputLanes), push.in_planes, 1});
     recorder.dispatch(
-        kernels.product[step.reduced], {&scratch, &weights, &out}, push,
+        tile_product_[step.reduced], {&scratch, &weights, &out}, push,
         {engine::groups_for(step.out.channels, kBlock), engine::groups_for(push.tiles, static_cast<uint32_t>(group)), 1});
   }
 }
@@ -245,18 +239,15 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
   if (direct_) size.add(direct_, 2);
   if (column_) size.add(column_, 2);
   fused_columns_.add_to(size);
-  for (const Winograd& w : winograd_) {
-    if (w.input) size.add(w.input, 2);
-    for (const engine::Kernel* kernel : {&w.product[0], &w.product[1], &w.fused[0], &w.fused[1]})
-      if (*kernel) size.add(*kernel, 2);
-  }
+  if (tile_input_) size.add(tile_input_, 2);
+  for (const engine::Kernel* kernel : {&tile_product_[0], &tile_product_[1], &tile_fused_[0], &tile_fused_[1]})
+    if (*kernel) size.add(*kernel, 2);
 }
 
 uint64_t conv_shader_hash() {
   uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
   const engine::ShaderCode all[] = {
-      conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd2_fused_comp_spv, winograd2_input_comp_spv,
-      winograd2_product_comp_spv, winograd2_product_plain_comp_spv, winograd4_fused_comp_spv, winograd4_input_comp_spv,
+      conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd4_fused_comp_spv, winograd4_input_comp_spv,
       winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,
       winograd4x1_plain_comp_spv};
   for (const engine::ShaderCode& code : all)

@@ -66,9 +66,7 @@ class ConvKernels {
   uint32_t direct_lanes_, product_lanes_;
   engine::Kernel border_, direct_, column_;
   FusedColumns fused_columns_;
-  struct Winograd {
-    engine::Kernel input, product[2], fused[2];  // [1]: reduced
-  } winograd_[2];                                // of tiles of 2x2 and 4x4
+  engine::Kernel tile_input_, tile_product_[2], tile_fused_[2];  // [1]: reduced
 };
 
 /// Of the SPIR-V that convolutions run.

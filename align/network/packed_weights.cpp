@@ -18,20 +18,12 @@ uint32_t weight_planes(const ConvLayer& layer, ConvVariant variant) {
   return of_whole_tiles(variant) ? (planes + 1) / 2 * 2 : planes;
 }
 
-// The points at which Winograd's polynomials are multiplied, besides 0 and infinity: pairs of a sign each.
-std::vector<double> point_pairs(ConvVariant variant) {
-  switch (variant) {
-    case ConvVariant::winograd2: return {1};
-    default: return {ICLK_WINOGRAD_A, ICLK_WINOGRAD_B};
-  }
-}
-
 // G of Lavin and Gray, "Fast algorithms for convolutional neural networks": 1, x, x^2 of each point over its differences to the
 // other points, so that the shaders' B^T has no divisions.
 using Matrix = std::vector<std::array<double, 3>>;
-Matrix kernel_transform(ConvVariant variant) {
-  std::vector<double> points{0};
-  for (double x : point_pairs(variant)) points.insert(points.end(), {x, -x});
+Matrix kernel_transform() {
+  // The points at which Winograd's polynomials are multiplied, besides infinity.
+  constexpr double points[] = {0, ICLK_WINOGRAD_A, -ICLK_WINOGRAD_A, ICLK_WINOGRAD_B, -ICLK_WINOGRAD_B};
   Matrix G;
   for (double x : points) {
     double f = 1;
@@ -74,13 +66,11 @@ std::array<float, 36> transformed(const float* g, ConvVariant variant, const Mat
 
 }  // namespace
 
-bool of_whole_tiles(ConvVariant variant) { return variant != ConvVariant::direct && variant != ConvVariant::winograd4x1; }
-uint32_t tile_size(ConvVariant variant) { return variant == ConvVariant::winograd4 ? 4 : 2; }
+bool of_whole_tiles(ConvVariant variant) { return variant == ConvVariant::winograd4; }
 uint32_t positions(ConvVariant variant) {
   if (variant == ConvVariant::direct) return 9;
   if (variant == ConvVariant::winograd4x1) return 18;
-  const uint32_t m = tile_size(variant) + 2;
-  return m * m;
+  return 36;
 }
 
 uint64_t packed_texels(const ConvLayer& layer, ConvVariant variant) {
@@ -94,7 +84,7 @@ PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
   const size_t first = data_.size();
   data_.resize(first + 4 * packed_texels(layer, variant), 0.0f);
   float* to = data_.data() + first;
-  const Matrix G = kernel_transform(variant);
+  const Matrix G = kernel_transform();
   for (size_t o = 0; o < out; ++o)
     for (size_t i = 0; i < in; ++i) {
       const auto values = transformed(&layer.weight[(o * in + i) * 9], variant, G);

@@ -26,9 +26,8 @@ class PackedWeights {
   std::vector<float> data_;
 };
 
-/// Winograd with transformed tiles of N x N outputs, N = tile_size(); else each column of an invocation by itself.
+/// Winograd with transformed tiles; else each column of an invocation by itself.
 bool of_whole_tiles(ConvVariant variant);
-uint32_t tile_size(ConvVariant variant);
 /// Weights of a pair of channels. Of whole tiles: the positions of a transformed one.
 uint32_t positions(ConvVariant variant);
 

@@ -13,11 +13,7 @@ layout(constant_id = 2) const bool REDUCED = false;
 #define T ICLK_WINOGRAD_TILES
 
 // The points at which polynomials are multiplied, between 0 and infinity: pairs of a sign each.
-#if N == 4
 const float POINTS[2] = float[2](ICLK_WINOGRAD_A, ICLK_WINOGRAD_B);
-#else
-const float POINTS[1] = float[1](1.0);
-#endif
 
 // Column i of A^T: powers of a point.
 void powers(int i, out float p[N]) {
@@ -91,9 +87,7 @@ void sums_of_block(uint block, int strip, int at, out vec4 sum[N][N][T][2]) {
   product(strip, at, w, n); \
   add_pair(POINTS[k], m, n, row);
     PAIR(0)
-#if N == 4
     PAIR(1)
-#endif
     product(strip, at, w, m);
     [[unroll]] for (int t = 0; t < T; ++t)
       [[unroll]] for (int h = 0; h < 2; ++h) row[N - 1][t][h] += m[t][h];

@@ -1,19 +1,8 @@
 // A tile of M x M pixels of a plane -> B^T d B, for Winograd F(N x N, 3 x 3). Needs winograd_tile.glsl, the texel buffer
 // `activations` and the buffer `transformed_out`.
 
-#if N == 4
 #include "convolution/winograd_points.glsl"
 #define TRANSFORM(m, I) transform(m I(0), m I(1), m I(2), m I(3), m I(4), m I(5));
-#else
-void transform(inout vec4 a, inout vec4 b, inout vec4 c, inout vec4 d) {
-  vec4 p = b + c;
-  a = c - a;
-  d -= b;
-  c -= b;
-  b = p;
-}
-#define TRANSFORM(m, I) transform(m I(0), m I(1), m I(2), m I(3));
-#endif
 
 // Of the plane whose pixel (0, 0) is at `plane`; position (i, j) goes to texel to + (i M + j) step.
 void transform_tile(Tile tile, int plane, int to, int step) {

@@ -231,8 +231,7 @@ TEST_P(ReducedConvolution, MakesMeansAndSumsOrMapsOfThePlainOne) {
 
 constexpr Way kWays[] = {
     {ConvVariant::direct, true},       {ConvVariant::direct, false},           {ConvVariant::winograd4x1, true},
-    {ConvVariant::winograd4x1, false}, {ConvVariant::winograd4x1, true, true}, {ConvVariant::winograd2, true},
-    {ConvVariant::winograd2, false},   {ConvVariant::winograd2, true, true},   {ConvVariant::winograd4, true},
+    {ConvVariant::winograd4x1, false}, {ConvVariant::winograd4x1, true, true}, {ConvVariant::winograd4, true},
     {ConvVariant::winograd4, false},   {ConvVariant::winograd4, true, true}};
 
 std::string test_name(const testing::TestParamInfo<std::tuple<Way, Shape>>& info) {
@@ -260,8 +259,7 @@ INSTANTIATE_TEST_SUITE_P(Odd, Convolution,
 // So many channels that a fused item cannot have all of them: lavapipe ends the loops of an invocation after 65,535 turns.
 // The tiles of 256 sub-grids are items enough for four threads, which get no fewer channels for want of items.
 INSTANTIATE_TEST_SUITE_P(Deep, Convolution,
-                         testing::Combine(testing::Values(Way{ConvVariant::winograd2, true, true},
-                                                          Way{ConvVariant::winograd4, true, true}),
+                         testing::Combine(testing::Values(Way{ConvVariant::winograd4, true, true}),
                                           testing::Values(Shape{16, 16, 256, 480, 16}, Shape{16, 16, 256, 968, 16})),
                          test_name);
 

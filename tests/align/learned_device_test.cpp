@@ -90,8 +90,7 @@ std::string case_name(const testing::TestParamInfo<Way>& info) {
 }
 INSTANTIATE_TEST_SUITE_P(Golden, LearnedDevice,
                          testing::Combine(testing::ValuesIn(kCases), testing::Values(Solver::host, Solver::device),
-                                          testing::Values(ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
-                                                          ConvVariant::winograd4x1)),
+                                          testing::Values(ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1)),
                          case_name);
 
 // With activations in half precision: the bounds of docs/convolutions.md.
@@ -133,8 +132,7 @@ TEST_P(LearnedHalf, MapsAndPose) {
 }
 INSTANTIATE_TEST_SUITE_P(Golden, LearnedHalf,
                          testing::Combine(testing::ValuesIn(kCases),
-                                          testing::Values(ConvVariant::direct, ConvVariant::winograd2, ConvVariant::winograd4,
-                                                          ConvVariant::winograd4x1)),
+                                          testing::Values(ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1)),
                          [](const auto& info) {
                            return std::get<0>(info.param).golden + std::string("_") + name(std::get<1>(info.param));
                          });

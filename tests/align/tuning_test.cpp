@@ -11,9 +11,9 @@ namespace {
 
 Tuning example() {
   Tuning tuning;
-  tuning.variants[{16, 32, 2, 752, 480}] = ConvVariant::winograd2;
+  tuning.variants[{16, 32, 2, 752, 480}] = ConvVariant::winograd4x1;
   tuning.variants[{3, 16, 1, 752, 480}] = ConvVariant::direct;
-  tuning.variants[{3, 16, 1, 752, 480, Precision::fp16}] = ConvVariant::winograd2;
+  tuning.variants[{3, 16, 1, 752, 480, Precision::fp16}] = ConvVariant::winograd4;
   tuning.variants[{16, 32, 2, 752, 480, Precision::fp32, true}] = ConvVariant::winograd4x1;
   tuning.variants[{128, 128, 2, 94, 60}] = ConvVariant::winograd4;
   return tuning;
@@ -48,9 +48,9 @@ TEST(Tuning, WhatIsDamagedOrForeignIsNothing) {
 TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
   const Tuning tuning = example();
   for (const auto type : {engine::DeviceType::cpu, engine::DeviceType::discrete}) {
-    EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}, type), ConvVariant::winograd2);
+    EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}, type), ConvVariant::winograd4x1);
     EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480}, type), ConvVariant::direct);
-    EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480, Precision::fp16}, type), ConvVariant::winograd2);
+    EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480, Precision::fp16}, type), ConvVariant::winograd4);
     EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480, Precision::fp32, true}, type), ConvVariant::winograd4x1);
     for (const ConvShape& other : {ConvShape{16, 32, 2, 376, 240}, ConvShape{1, 32, 1, 376, 240}})
       EXPECT_EQ(tuning.choose(other, type), usual_variant(other, type));
@@ -96,7 +96,7 @@ TEST(Tuning, MeasuresWhatIsMissing) {
   ASSERT_EQ(shapes.size(), 5u);
   EXPECT_EQ(encoder_shapes(*model, 64, 48, 99).size(), 10u);
   Tuning known;
-  known.variants[shapes[0]] = ConvVariant::winograd2;
+  known.variants[shapes[0]] = ConvVariant::winograd4;
   std::vector<int> calls;
   const auto progress = [&](int layer, int layers) {
     EXPECT_EQ(layers, 4);
@@ -105,7 +105,7 @@ TEST(Tuning, MeasuresWhatIsMissing) {
   const Tuning tuned = tune(test::device(), shapes, known, progress);
   EXPECT_EQ(calls, (std::vector<int>{0, 1, 2, 3}));
   EXPECT_EQ(tuned.variants.size(), 5u);
-  EXPECT_EQ(tuned.variants.at(shapes[0]), ConvVariant::winograd2);
+  EXPECT_EQ(tuned.variants.at(shapes[0]), ConvVariant::winograd4);
   // Another precision is another measurement.
   auto half = shapes[0];
   half.precision = Precision::fp16;

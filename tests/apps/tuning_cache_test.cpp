@@ -26,7 +26,7 @@ class TuningCache : public testing::Test {
   }
   static Tuning example() {
     Tuning tuning;
-    tuning.variants[{1, 8, 1, 48, 32, Precision::fp32, true}] = ConvVariant::winograd2;
+    tuning.variants[{1, 8, 1, 48, 32, Precision::fp32, true}] = ConvVariant::winograd4;
     tuning.variants[{8, 8, 2, 24, 16, Precision::fp32, true}] = ConvVariant::direct;
     return tuning;
   }
