@@ -57,8 +57,7 @@ uint64_t fused_texels(const ConvStep& step) {
 // 65,535 turns, all of them together, and says nothing.
 uint64_t most_item_blocks(const ConvStep& step) {
   constexpr uint64_t turns = 50'000;
-  const uint64_t m = kTileSize + 2, planes = step.in.planes(),
-                 transform = ICLK_WINOGRAD_TILES * (1 + planes * (1 + m)),
+  const uint64_t m = kTileSize + 2, planes = step.in.planes(), transform = ICLK_WINOGRAD_TILES * (1 + planes * (1 + m)),
                  block = 1 + m * (1 + m * ((planes + 1) / 2)) + std::max<uint64_t>(m, ICLK_WINOGRAD_TILES);
   return transform < turns ? (turns - transform) / block : 0;
 }
@@ -246,10 +245,9 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
 
 uint64_t conv_shader_hash() {
   uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
-  const engine::ShaderCode all[] = {
-      conv_direct_comp_spv,       conv_direct_plain_comp_spv,       winograd4_fused_comp_spv, winograd4_input_comp_spv,
-      winograd4_product_comp_spv, winograd4_product_plain_comp_spv, winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,
-      winograd4x1_plain_comp_spv};
+  const engine::ShaderCode all[] = {conv_direct_comp_spv,     conv_direct_plain_comp_spv, winograd4_fused_comp_spv,
+                                    winograd4_input_comp_spv, winograd4_product_comp_spv, winograd4_product_plain_comp_spv,
+                                    winograd4x1_comp_spv,     winograd4x1_fused_comp_spv, winograd4x1_plain_comp_spv};
   for (const engine::ShaderCode& code : all)
     for (uint32_t word : code.texels) hash = (hash ^ word) * 0x100000001b3u;
   return hash;
