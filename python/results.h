@@ -1,0 +1,11 @@
+#pragma once
+#include <nanobind/nanobind.h>
+
+#include <iclk/refine/refiner.h>
+
+namespace iclk::python {
+
+/// The fields of iclk.Alignment, as the command states them in its JSON; NaN where that has null.
+nanobind::dict to_dict(const RefinedAlignment& result, const Reference& reference);
+
+}  // namespace iclk::python
