@@ -12,10 +12,10 @@ namespace {
 [[noreturn]] void refuse(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
 template <class T>
-nb::object moved(std::vector<T>&& values, const std::vector<size_t>& shape) {
+NewArray<T> moved(std::vector<T>&& values, const std::vector<size_t>& shape) {
   auto* kept = new std::vector<T>(std::move(values));
   const nb::capsule owner(kept, [](void* p) noexcept { delete static_cast<std::vector<T>*>(p); });
-  return nb::ndarray<nb::numpy, T>(kept->data(), shape.size(), shape.data(), owner).cast();
+  return {kept->data(), shape.size(), shape.data(), owner};
 }
 
 }  // namespace
@@ -47,15 +47,16 @@ SE3 pose(const Pose& pose) {
   return SE3::from_matrix(Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(pose.data()));
 }
 
-Features features(const Points& uv, const Vector& inverse_depth, const Vector& sigma) {
-  if (uv.shape(0) != inverse_depth.shape(0) || (sigma.shape(0) != 0 && sigma.shape(0) != uv.shape(0)))
-    refuse(std::to_string(uv.shape(0)) + " features, " + std::to_string(inverse_depth.shape(0)) + " depths and " +
-           std::to_string(sigma.shape(0)) + " sigmas");
+Features features(const Points& uv, const Vector& inverse_depth, const Vector* sigma) {
+  const size_t count = uv.shape(0), sigmas = sigma != nullptr ? sigma->shape(0) : 0;
+  if (count != inverse_depth.shape(0) || (sigmas != 0 && sigmas != count))
+    refuse(std::to_string(count) + " features, " + std::to_string(inverse_depth.shape(0)) + " depths and " +
+           std::to_string(sigmas) + " sigmas");
   Features out;
-  out.uv.reserve(uv.shape(0));
-  for (size_t i = 0; i < uv.shape(0); ++i) out.uv.emplace_back(uv.data()[2 * i], uv.data()[2 * i + 1]);
-  out.inverse_depth.assign(inverse_depth.data(), inverse_depth.data() + inverse_depth.shape(0));
-  out.inverse_depth_sigma.assign(sigma.data(), sigma.data() + sigma.shape(0));
+  out.uv.reserve(count);
+  for (size_t i = 0; i < count; ++i) out.uv.emplace_back(uv.data()[2 * i], uv.data()[2 * i + 1]);
+  out.inverse_depth.assign(inverse_depth.data(), inverse_depth.data() + count);
+  if (sigmas != 0) out.inverse_depth_sigma.assign(sigma->data(), sigma->data() + sigmas);
   return out;
 }
 
@@ -66,14 +67,14 @@ Camera camera(const Intrinsics& intrinsics, int width, int height) {
   return camera;
 }
 
-nb::object to_array(const double* values, std::vector<size_t> shape) {
+NewArray<double> to_array(const double* values, std::vector<size_t> shape) {
   size_t count = 1;
   for (const size_t n : shape) count *= n;
   return moved(std::vector<double>(values, values + count), shape);
 }
 
-nb::object to_array(const std::vector<double>& values) { return to_array(values.data(), {values.size()}); }
-nb::object to_array(std::vector<float>&& values, std::vector<size_t> shape) { return moved(std::move(values), shape); }
-nb::object to_array(std::vector<uint8_t>&& values, std::vector<size_t> shape) { return moved(std::move(values), shape); }
+NewArray<double> to_array(const std::vector<double>& values) { return to_array(values.data(), {values.size()}); }
+NewArray<float> to_array(std::vector<float>&& values, std::vector<size_t> shape) { return moved(std::move(values), shape); }
+NewArray<uint8_t> to_array(std::vector<uint8_t>&& values, std::vector<size_t> shape) { return moved(std::move(values), shape); }
 
 }  // namespace iclk::python

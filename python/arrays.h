@@ -24,21 +24,22 @@ using Intrinsics = std::tuple<double, double, double, double>;  ///< fx, fy, cx,
 /// H x W or H x W x 3 of uint8, uint16 or float32, colours red first; rows may be padded. Not copied.
 ImageView image_view(const Array& image);
 SE3 pose(const Pose& pose);
-/// Copies. `sigma` of inverse depths may be empty.
-Features features(const Points& uv, const Vector& inverse_depth, const Vector& sigma);
+/// Copies. `sigma` of inverse depths may be null or empty.
+Features features(const Points& uv, const Vector& inverse_depth, const Vector* sigma);
 Camera camera(const Intrinsics& intrinsics, int width, int height);
 
-/// New arrays.
-nanobind::object to_array(const std::vector<double>& values);
-nanobind::object to_array(const double* values, std::vector<size_t> shape);
-nanobind::object to_array(std::vector<float>&& values, std::vector<size_t> shape);
-nanobind::object to_array(std::vector<uint8_t>&& values, std::vector<size_t> shape);
+template <class T>
+using NewArray = nanobind::ndarray<nanobind::numpy, T>;
+NewArray<double> to_array(const std::vector<double>& values);
+NewArray<double> to_array(const double* values, std::vector<size_t> shape);
+NewArray<float> to_array(std::vector<float>&& values, std::vector<size_t> shape);
+NewArray<uint8_t> to_array(std::vector<uint8_t>&& values, std::vector<size_t> shape);
 
 template <int Rows, int Columns>
-nanobind::object to_array(const Eigen::Matrix<double, Rows, Columns>& m) {
+NewArray<double> to_array(const Eigen::Matrix<double, Rows, Columns>& m) {
   const Eigen::Matrix<double, Columns, Rows> transposed = m.transpose();  // which lies in memory row by row
   return to_array(transposed.data(), {static_cast<size_t>(m.rows()), static_cast<size_t>(m.cols())});
 }
-inline nanobind::object to_array(const SE3& T) { return to_array(Eigen::Matrix4d(T.matrix())); }
+inline NewArray<double> to_array(const SE3& T) { return to_array(Eigen::Matrix4d(T.matrix())); }
 
 }  // namespace iclk::python

@@ -25,7 +25,7 @@ using PairItem = std::tuple<int, Array, std::optional<Pose>, std::optional<Array
 /// iclk._core.Aligner.
 class BoundAligner {
  public:
-  BoundAligner(int width, int height, int references, int batch, int features, const nb::dict& options,
+  BoundAligner(int width, int height, int references, int batch, int features, const Keywords& options,
                std::vector<std::string> folders) {
     if (references < 1 || batch < 1)
       throw Error(ErrorCode::invalid_argument, "references " + std::to_string(references) + " and batch " +
@@ -42,7 +42,7 @@ class BoundAligner {
     aligner_.check();
     Reference reference;
     reference.image = image_view(image);
-    reference.features = python::features(uv, inverse_depth, sigma);
+    reference.features = python::features(uv, inverse_depth, &sigma);
     reference.camera = camera(intrinsics, reference.image.width, reference.image.height);
     std::vector<FeatureCheck> checks;
     {
@@ -55,7 +55,7 @@ class BoundAligner {
     return names;
   }
 
-  nb::list align(const std::vector<PairItem>& items) {
+  nb::typed<nb::list, Fields> align(const std::vector<PairItem>& items) {
     aligner_.check();
     std::vector<Pair> pairs;
     for (const auto& [slot, target, guess, mask] : items) {
@@ -65,7 +65,7 @@ class BoundAligner {
     }
     // A signal is seen between two batches, of the CPU between two pairs.
     const size_t step = aligner_.get()->on_cpu() ? 1 : static_cast<size_t>(aligner_.get()->sizes().batch);
-    nb::list out;
+    nb::typed<nb::list, Fields> out;
     for (size_t first = 0; first < pairs.size(); first += step) {
       const size_t count = std::min(step, pairs.size() - first);
       std::vector<RefinedAlignment> results;
@@ -96,7 +96,7 @@ class BoundAligner {
 
 void bind_aligner(nb::module_& m) {
   nb::class_<BoundAligner>(m, "Aligner")
-      .def(nb::init<int, int, int, int, int, const nb::dict&, std::vector<std::string>>(), nb::arg("width"), nb::arg("height"),
+      .def(nb::init<int, int, int, int, int, const Keywords&, std::vector<std::string>>(), nb::arg("width"), nb::arg("height"),
            nb::arg("references"), nb::arg("batch"), nb::arg("features"), nb::arg("options"), nb::arg("folders"))
       .def("set_reference", &BoundAligner::set_reference, nb::arg("slot"), nb::arg("image"), nb::arg("uv"),
            nb::arg("inverse_depth"), nb::arg("sigma"), nb::arg("intrinsics"))

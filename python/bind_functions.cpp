@@ -18,7 +18,7 @@ namespace nb = nanobind;
 namespace iclk::python {
 namespace {
 
-std::pair<nb::object, nb::object> detect(const Array& image, const Array& depth, int count) {
+std::pair<NewArray<double>, NewArray<double>> detect(const Array& image, const Array& depth, int count) {
   const ImageView pixels = image_view(image), metres = image_view(depth);
   if (metres.format != PixelFormat::r32f || metres.width != pixels.width || metres.height != pixels.height)
     throw Error(ErrorCode::invalid_argument,
@@ -45,7 +45,7 @@ std::string info(const std::string& model, int width, int height, const std::vec
 }  // namespace
 
 void bind_functions(nb::module_& m) {
-  m.def("devices", &devices, nb::sig("def devices() -> list[typing.Any]"));
+  m.def("devices", &devices);
   m.def("detect", &detect, nb::arg("image"), nb::arg("depth"), nb::arg("count"));
   m.def("model_info", &info, nb::arg("model"), nb::arg("width"), nb::arg("height"), nb::arg("folders"));
 }

@@ -50,7 +50,7 @@ void forget_devices() {
   std::erase_if(opened(), [](const auto& device) { return device.first.first == getpid(); });
 }
 
-nb::list devices() {
+nb::typed<nb::list, nb::any> devices() {
   std::vector<engine::DeviceInfo> found;
   try {
     const Working working;
@@ -58,7 +58,7 @@ nb::list devices() {
   } catch (const Error& e) {
     if (e.code() != ErrorCode::no_driver) throw;
   }
-  nb::list list;
+  nb::typed<nb::list, nb::any> list;
   for (size_t i = 0; i < found.size(); ++i) {
     const engine::DeviceInfo& d = found[i];
     nb::dict device;

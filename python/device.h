@@ -16,6 +16,6 @@ std::shared_ptr<engine::Context> shared_device(const std::string& wish);
 void forget_devices();
 
 /// A dict a Vulkan device; none where there is no Vulkan.
-nanobind::list devices();
+nanobind::typed<nanobind::list, nanobind::any> devices();
 
 }  // namespace iclk::python

@@ -53,6 +53,9 @@ NB_MODULE(_core, m) {
   m.attr("version") = ICLK_VERSION;
   bind_functions(m);
   bind_aligner(m);
+  bind_tracker(m);
+  bind_depth(m);
+  bind_render(m);
   m.def("_finish", [] {
     finish_work();
     forget_devices();

@@ -47,7 +47,7 @@ const std::map<std::string, Setter>& setters() {
 
 }  // namespace
 
-Options parse_options(const nb::dict& keywords, std::vector<std::string> folders) {
+Options parse_options(const Keywords& keywords, std::vector<std::string> folders) {
   Options options;
   for (const auto& [key, value] : keywords) {
     const auto name = nb::cast<std::string>(key);

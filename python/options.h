@@ -10,6 +10,8 @@
 
 namespace iclk::python {
 
+using Keywords = nanobind::typed<nanobind::dict, nanobind::str, nanobind::any>;
+
 /// How to align: what `iclk align` has as options, under the same names.
 struct Options {
   AlignmentWish wish;
@@ -22,6 +24,6 @@ struct Options {
 
 /// Throws TypeError for a keyword that is not known or a value of another type, Error(invalid_argument) for a name that is not
 /// known. device "cpu" is Solver::cpu.
-Options parse_options(const nanobind::dict& keywords, std::vector<std::string> folders);
+Options parse_options(const Keywords& keywords, std::vector<std::string> folders);
 
 }  // namespace iclk::python

@@ -42,14 +42,14 @@ void add_features(const RefinedAlignment& result, const Reference& reference, nb
 
 }  // namespace
 
-nb::dict to_dict(const RefinedAlignment& result, const Reference& reference) {
-  nb::dict out;
+Fields to_dict(const RefinedAlignment& result, const Reference& reference) {
+  Fields out;
   out["status"] = name(result.status);
   out["reason"] = result.reason;
   out["T_10"] = to_array(result.T_10);
   out["covariance"] = to_array(has_covariance(result) ? result.covariance : Matrix6d::Constant(NAN));
   out["refined"] = result.refined;
-  out["turn"] = result.turn ? to_array(result.turn->data(), {3}) : nb::object(nb::none());
+  out["turn"] = result.turn ? nb::cast(to_array(result.turn->data(), {3})) : nb::none();
   add_features(result, reference, out);
   out["gain"] = result.iclk.gain;
   out["bias"] = result.iclk.bias;

@@ -5,7 +5,9 @@
 
 namespace iclk::python {
 
+using Fields = nanobind::typed<nanobind::dict, nanobind::str, nanobind::any>;
+
 /// The fields of iclk.Alignment, as the command states them in its JSON; NaN where that has null.
-nanobind::dict to_dict(const RefinedAlignment& result, const Reference& reference);
+Fields to_dict(const RefinedAlignment& result, const Reference& reference);
 
 }  // namespace iclk::python

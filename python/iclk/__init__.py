@@ -11,23 +11,33 @@ status; wrong arguments raise ValueError, the machine's failures ``iclk.Error``.
 
 from ._align import Aligner, Options, Pair, align, detect
 from ._core import version as __version__
-from ._devices import devices
+from ._depth import DepthMap, depth_map
+from ._devices import Device, devices
 from ._errors import Error, InvalidArgument
 from ._models import model_info
+from ._render import RenderedPair, Terrain
 from ._results import Alignment, Attempt, Stage, Status
+from ._track import TrackedFrame, Tracker
 
 __all__ = [
     "Aligner",
     "Alignment",
     "Attempt",
+    "DepthMap",
+    "Device",
     "Error",
     "InvalidArgument",
     "Options",
     "Pair",
+    "RenderedPair",
     "Stage",
     "Status",
+    "Terrain",
+    "TrackedFrame",
+    "Tracker",
     "__version__",
     "align",
+    "depth_map",
     "detect",
     "devices",
     "model_info",

@@ -128,7 +128,10 @@ class Aligner:
         at, inverse_depth = _features(pixels, uv, depth, count)
         deviation = np.zeros(0)
         if sigma is not None:
-            deviation = _arrays.vector(sigma, "sigma") * inverse_depth**2  # dq = dz / z^2
+            deviation = _arrays.vector(sigma, "sigma")
+            if len(deviation) != len(at):
+                raise _arrays.refuse(f"{len(at)} features, but {len(deviation)} sigmas; one a feature is wanted")
+            deviation = deviation * inverse_depth**2  # dq = dz / z^2
         return self._core.set_reference(slot, pixels, at, inverse_depth, deviation, _arrays.intrinsics(K))
 
     def align_batch(self, pairs: Iterable[Pair | Sequence[Any]]) -> list[Alignment]:
