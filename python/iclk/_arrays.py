@@ -62,7 +62,8 @@ def depth_map(x: Any, name: str) -> npt.NDArray[np.float32]:
     if a.ndim != 2:
         raise refuse(f"{name} has the shape {a.shape}; H x W is wanted, or the features' uv beside N depths")
     if a.dtype.kind != "f":
-        raise refuse(f"{name} is {a.dtype}; metres as float32 are wanted: raw / 5000.0 of TUM RGB-D, raw / 1000.0 of millimetres")
+        hint = "raw / 5000.0 of TUM RGB-D, raw / 1000.0 of millimetres"
+        raise refuse(f"{name} is {a.dtype}; metres as float32 are wanted: {hint}")
     return np.ascontiguousarray(a, dtype=np.float32)
 
 

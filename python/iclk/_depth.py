@@ -60,7 +60,8 @@ def depth_map(
     intrinsics = _arrays.intrinsics(K)
     others = intrinsics if view_K is None else _arrays.intrinsics(view_K)
     sources = [
-        (_arrays.image(image, f"view {i}"), _arrays.pose(T_10, f"view {i}: T_10"), others) for i, (image, T_10) in enumerate(views)
+        (_arrays.image(image, f"view {i}"), _arrays.pose(T_10, f"view {i}: T_10"), others)
+        for i, (image, T_10) in enumerate(views)
     ]
     found = _core.depth_map(
         _arrays.image(reference, "reference"),

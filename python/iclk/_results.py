@@ -72,4 +72,4 @@ class Alignment:
         return Alignment(**fields)
 
     def __repr__(self) -> str:
-        return f"<iclk.Alignment {self.reason}>" if self.status in self.reason else f"<iclk.Alignment {self.status}: {self.reason}>"
+        return f"<iclk.Alignment {self.reason if self.reason.startswith(self.status) else f'{self.status}: {self.reason}'}>"

@@ -53,7 +53,9 @@ class Scene:
         return replace(self, reference=convert(self.reference), target=convert(self.target))
 
 
-def make_scene(width: int = 320, height: int = 240, seed: int = 1, colour: bool = False, T_10: np.ndarray | None = None) -> Scene:
+def make_scene(
+    width: int = 320, height: int = 240, seed: int = 1, colour: bool = False, T_10: np.ndarray | None = None
+) -> Scene:
     random = np.random.default_rng(seed)
     f = 0.95 * width
     K = (f, f, (width - 1) / 2, (height - 1) / 2)

@@ -132,9 +132,15 @@ def test_a_learned_model_answers_where_it_is_asked(small: Scene) -> None:
 )
 def test_misuse_is_a_value_error_that_says_what(small: Scene, change: dict, words: str) -> None:
     given = {
-        "reference": small.reference, "target": small.target, "uv": small.uv, "depth": small.z, "K": small.K, "model": "classical",
-        "device": "cpu", **change,
-    }  # fmt: skip
+        "reference": small.reference,
+        "target": small.target,
+        "uv": small.uv,
+        "depth": small.z,
+        "K": small.K,
+        "model": "classical",
+        "device": "cpu",
+        **change,
+    }
     if "solver" in change:
         del given["device"]
     if given["uv"] is None and "depth" not in change:

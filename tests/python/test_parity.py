@@ -29,8 +29,8 @@ def command(folder: Path, s: Scene, *more: str, mask: np.ndarray | None = None) 
     features = folder / "points.csv"
     rows = [f"{u:.17g},{v:.17g},{z:.17g}" for (u, v), z in zip(s.uv, s.z)]
     features.write_text("\n".join(["u,v,depth", *rows, ""]))
-    line = [COMMAND, "align", save(folder / "a.ppm", s.reference), save(folder / "b.ppm", s.target), "--features", str(features)]
-    line += ["--camera", ",".join(f"{k:.17g}" for k in s.K), "--json", *more]
+    line = [COMMAND, "align", save(folder / "a.ppm", s.reference), save(folder / "b.ppm", s.target)]
+    line += ["--features", str(features), "--camera", ",".join(f"{k:.17g}" for k in s.K), "--json", *more]
     if mask is not None:
         line += ["--target-mask", save(folder / "mask.pgm", mask)]
     done = subprocess.run(line, capture_output=True, text=True)
@@ -120,7 +120,9 @@ def test_what_does_not_converge_goes_on_to_the_other_models(tmp_path: Path) -> N
 
 
 def test_models_and_devices(tmp_path: Path) -> None:
-    text = subprocess.run([COMMAND, "model", "info", "sd6dof-small", "--json"], capture_output=True, text=True, check=True).stdout
-    assert iclk.model_info("sd6dof-small") == json.loads(text)
-    listed = subprocess.run([COMMAND, "devices", "--json"], capture_output=True, text=True).stdout
+    def said(*words: str) -> str:
+        return subprocess.run([COMMAND, *words, "--json"], capture_output=True, text=True).stdout
+
+    assert iclk.model_info("sd6dof-small") == json.loads(said("model", "info", "sd6dof-small"))
+    listed = said("devices")
     assert iclk.devices() == (json.loads(listed) if listed else [])

@@ -16,7 +16,7 @@ from pathlib import Path
 import iclk
 import numpy as np
 import pytest
-from conftest import Scene, make_scene, needs_vulkan
+from conftest import Scene, make_scene
 
 SETUP = """
 import os, signal, sys, threading, time
@@ -214,21 +214,3 @@ def test_no_memory_is_left_behind() -> None:
     assert len(gc.get_objects()) - objects < 200
     assert resident() - before < 2 << 20  # the least that leaked a call, a feature's 200 bytes, would be this much
 
-
-@needs_vulkan
-def test_aligners_give_their_device_memory_back(small: Scene) -> None:
-    def make() -> None:
-        a = iclk.Aligner(160, 120, "classical", references=1, batch=1)
-        a.set_reference(0, small.reference, small.uv, small.z, small.K)
-        a.align(0, small.target)
-
-    def resident() -> int:
-        gc.collect()
-        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
-
-    for _ in range(2):
-        make()
-    before = resident()
-    for _ in range(4):
-        make()
-    assert resident() - before < 8 << 20
