@@ -36,8 +36,8 @@ std::unique_ptr<Cascade> Aligner::make(const Needs& needs) const {
   plan.max_pairs = sizes_.batch;
   plan.target_masks = needs.masks;
   const bool colour = needs.colour || needs.masks;  // a mask goes into the alpha of four channels
-  plan.format = needs.deep ? (colour ? PixelFormat::rgba32f : PixelFormat::r32f)
-                           : (colour ? PixelFormat::rgba8 : PixelFormat::r8);
+  plan.format =
+      needs.deep ? (colour ? PixelFormat::rgba32f : PixelFormat::r32f) : (colour ? PixelFormat::rgba8 : PixelFormat::r8);
   std::vector<Cascade::Step> steps;
   for (const ModelStage& stage : stages_) {
     const auto make = [solver = options_.solver, context = context_, plan, stage] {

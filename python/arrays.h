@@ -2,9 +2,9 @@
 #include <tuple>
 #include <vector>
 
-#include <Eigen/Core>
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <Eigen/Core>
 
 #include <iclk/align/camera.h>
 #include <iclk/align/features.h>

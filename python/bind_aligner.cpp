@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <chrono>
 #include <utility>
 
 #include <nanobind/stl/optional.h>
@@ -28,8 +29,8 @@ class BoundAligner {
   BoundAligner(int width, int height, int references, int batch, int features, const Keywords& options,
                std::vector<std::string> folders) {
     if (references < 1 || batch < 1)
-      throw Error(ErrorCode::invalid_argument, "references " + std::to_string(references) + " and batch " +
-                                                   std::to_string(batch) + " must be positive");
+      throw Error(ErrorCode::invalid_argument,
+                  "references " + std::to_string(references) + " and batch " + std::to_string(batch) + " must be positive");
     const Options parsed = parse_options(options, std::move(folders));
     const auto context = parsed.solver == Solver::cpu ? nullptr : shared_device(parsed.device);
     const Working working;
@@ -74,7 +75,9 @@ class BoundAligner {
         const Working working;
         const auto lock = aligner_.lock();
         const auto begin = pairs.begin() + static_cast<std::ptrdiff_t>(first);
+        const auto start = std::chrono::steady_clock::now();
         results = aligner_.get()->align({begin, begin + static_cast<std::ptrdiff_t>(count)});
+        milliseconds_ += std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
         for (size_t i = 0; i < count; ++i) references.push_back(*aligner_.get()->reference(pairs[first + i].reference));
       }
       for (size_t i = 0; i < count; ++i) out.append(to_dict(results[i], references[i]));
@@ -83,6 +86,7 @@ class BoundAligner {
     return out;
   }
 
+  double milliseconds() const { return milliseconds_; }
   std::string device() const {
     aligner_.check();
     return aligner_.get()->device_name();
@@ -90,6 +94,7 @@ class BoundAligner {
 
  private:
   Owned<Aligner> aligner_{"Aligner"};
+  double milliseconds_ = 0;  // in the alignment itself, of all calls
 };
 
 }  // namespace
@@ -101,7 +106,8 @@ void bind_aligner(nb::module_& m) {
       .def("set_reference", &BoundAligner::set_reference, nb::arg("slot"), nb::arg("image"), nb::arg("uv"),
            nb::arg("inverse_depth"), nb::arg("sigma"), nb::arg("intrinsics"))
       .def("align", &BoundAligner::align, nb::arg("pairs"))
-      .def_prop_ro("device", &BoundAligner::device);
+      .def_prop_ro("device", &BoundAligner::device)
+      .def_prop_ro("milliseconds", &BoundAligner::milliseconds);
 }
 
 }  // namespace iclk::python

@@ -24,9 +24,9 @@ namespace {
 using Source = std::tuple<Array, Pose, Intrinsics>;
 
 /// As `iclk depth` does it. near 0: as the priors, with a margin.
-std::tuple<NewArray<float>, NewArray<float>, double, double, double, int> depth_map(const Array& reference, const Intrinsics& intrinsics, const std::vector<Source>& views, double near,
-                    double far, const Points& uv, const Vector& inverse_depth, int planes, bool fill_gaps,
-                    const std::string& device) {
+std::tuple<NewArray<float>, NewArray<float>, double, double, double, int> depth_map(
+    const Array& reference, const Intrinsics& intrinsics, const std::vector<Source>& views, double near, double far,
+    const Points& uv, const Vector& inverse_depth, int planes, bool fill_gaps, const std::string& device) {
   const ImageView image = image_view(reference);
   const Camera camera = python::camera(intrinsics, image.width, image.height);
   const Features priors = features(uv, inverse_depth, nullptr);
@@ -42,7 +42,8 @@ std::tuple<NewArray<float>, NewArray<float>, double, double, double, int> depth_
   DepthRange range{near, far};
   if (near == 0) {
     if (priors.size() == 0)
-      throw Error(ErrorCode::invalid_argument, "where to look for depth is not said: give near and far, or sparse uv and depth");
+      throw Error(ErrorCode::invalid_argument,
+                  "where to look for depth is not said: give near and far, or sparse uv and depth");
     range = range_of(priors.inverse_depth);
   }
   range.check();

@@ -21,9 +21,9 @@ namespace {
 std::pair<NewArray<double>, NewArray<double>> detect(const Array& image, const Array& depth, int count) {
   const ImageView pixels = image_view(image), metres = image_view(depth);
   if (metres.format != PixelFormat::r32f || metres.width != pixels.width || metres.height != pixels.height)
-    throw Error(ErrorCode::invalid_argument,
-                "depth is " + std::to_string(metres.width) + "x" + std::to_string(metres.height) + ", the image " +
-                    std::to_string(pixels.width) + "x" + std::to_string(pixels.height) + ": they must have one size");
+    throw Error(ErrorCode::invalid_argument, "depth is " + std::to_string(metres.width) + "x" + std::to_string(metres.height) +
+                                                 ", the image " + std::to_string(pixels.width) + "x" +
+                                                 std::to_string(pixels.height) + ": they must have one size");
   if (count < 1 || count > 100000)
     throw Error(ErrorCode::invalid_argument, "feature count " + std::to_string(count) + " must lie in 1 to 100000");
   Features found;

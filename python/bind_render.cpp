@@ -43,8 +43,8 @@ class BoundTerrain {
     ProceduralOptions options;
     options.seed = seed;
     options.size = size;
-    renderer_.reset(std::make_unique<TerrainRenderer>(
-        context, std::make_shared<const Terrain>(procedural_terrain(options)), RenderOptions()));
+    renderer_.reset(std::make_unique<TerrainRenderer>(context, std::make_shared<const Terrain>(procedural_terrain(options)),
+                                                      RenderOptions()));
   }
 
   Arrays render(const Pose& T_WC, const Intrinsics& intrinsics, int width, int height) {
@@ -60,8 +60,8 @@ class BoundTerrain {
   }
 
   std::tuple<Arrays, Arrays, NewArray<double>, NewArray<double>, NewArray<double>> pair(
-      uint64_t index, const Intrinsics& intrinsics, int width, int height, double altitude_min, double altitude_max, double tilt,
-      double translation, double rotation, uint64_t seed) {
+      uint64_t index, const Intrinsics& intrinsics, int width, int height, double altitude_min, double altitude_max,
+      double tilt, double translation, double rotation, uint64_t seed) {
     PairOptions options;
     options.camera = camera(intrinsics, width, height);
     options.altitude_min = altitude_min;

@@ -66,7 +66,8 @@ class BoundTracker {
     tracking_.reset(std::move(made));
   }
 
-  nb::typed<nb::dict, nb::str, nb::any> track(double time, const Array& image, const std::optional<Array>& depth, const std::optional<Array>& mask) {
+  nb::typed<nb::dict, nb::str, nb::any> track(double time, const Array& image, const std::optional<Array>& depth,
+                                              const std::optional<Array>& mask) {
     tracking_.check();
     TrackFrame frame{time, image_view(image), {}, {}};
     if (depth) frame.depth = image_view(*depth);
