@@ -1,6 +1,9 @@
 #include <iclk/refine/cascade.h>
 
+#include <algorithm>
 #include <chrono>
+#include <cstring>
+#include <string>
 
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/uncertainty.h>
@@ -13,18 +16,30 @@ using Clock = std::chrono::steady_clock;
 double ms_since(Clock::time_point start) { return std::chrono::duration<double, std::milli>(Clock::now() - start).count(); }
 
 /// An alignment that nothing was done to.
-RefinedAlignment unrefined(const CascadePair& pair, Alignment alignment, double ms) {
+RefinedAlignment unrefined(const Reference& reference, Alignment alignment, double ms) {
   RefinedAlignment r;
   r.T_10 = alignment.T_10;
   r.covariance = alignment.covariance;
   if (!r.covariance.isZero(0))
-    r.covariance += internal::depth_covariance(pair.reference.camera, pair.reference.features, alignment.features, r.T_10, 0);
+    r.covariance += internal::depth_covariance(reference.camera, reference.features, alignment.features, r.T_10, 0);
   r.status = alignment.status;
   r.reason = alignment.reason;
   r.stages = {{"iclk", alignment.T_10, alignment.cost, ms}};
-  r.inverse_depth = pair.reference.features.inverse_depth;
+  r.inverse_depth = reference.features.inverse_depth;
   r.iclk = std::move(alignment);
   return r;
+}
+
+/// A view of a copy of the pixels, rows packed.
+ImageView keep(const ImageView& image, std::vector<uint8_t>& pixels) {
+  if (image.empty()) return {};
+  ImageView kept = image;
+  kept.row_stride = static_cast<size_t>(image.width) * bytes_per_pixel(image.format);
+  pixels.resize(kept.row_stride * static_cast<size_t>(image.height));
+  for (int v = 0; v < image.height; ++v)
+    std::memcpy(pixels.data() + static_cast<size_t>(v) * kept.row_stride, image.row(v), kept.row_stride);
+  kept.data = pixels.data();
+  return kept;
 }
 
 }  // namespace
@@ -46,38 +61,88 @@ void Cascade::start(size_t step) {
   times_.setup += ms_since(begin);
 }
 
-std::vector<RefinedAlignment> Cascade::run(size_t step, std::span<const CascadePair* const> pairs) {
+void Cascade::prepare(size_t step, int slot) {
+  const auto at = static_cast<size_t>(slot);
+  std::vector<uint64_t>& prepared = running_[step].prepared;
+  prepared.resize(std::max(prepared.size(), keyframes_.size()));
+  if (prepared[at] == keyframes_[at].version) return;
+  prepared[at] = 0;
+  running_[step].aligner->set_reference(slot, keyframes_[at].reference);
+  prepared[at] = keyframes_[at].version;
+}
+
+std::vector<RefinedAlignment> Cascade::run(size_t step, const std::vector<Pair>& pairs) {
   start(step);
   Running& running = running_[step];
   auto begin = Clock::now();
-  std::vector<Pair> work;
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    const int slot = static_cast<int>(i);
-    running.aligner->set_reference(slot, pairs[i]->reference);
-    work.push_back({slot, pairs[i]->target, pairs[i]->T_10, {}, pairs[i]->search, pairs[i]->target_mask});
-  }
+  for (const Pair& pair : pairs) prepare(step, pair.reference);
   times_.prepare += ms_since(begin);
 
   begin = Clock::now();
   std::vector<RefinedAlignment> results;
   if (running.refiner) {
-    results = running.refiner->align(work);
+    results = running.refiner->align(pairs);
   } else {
-    std::vector<Alignment> alignments = running.aligner->align(work);
+    std::vector<Alignment> alignments = running.aligner->align(pairs);
     const double ms = ms_since(begin) / static_cast<double>(pairs.size());
-    for (size_t i = 0; i < pairs.size(); ++i) results.push_back(unrefined(*pairs[i], std::move(alignments[i]), ms));
+    for (size_t i = 0; i < pairs.size(); ++i)
+      results.push_back(unrefined(keyframes_[static_cast<size_t>(pairs[i].reference)].reference, std::move(alignments[i]), ms));
   }
   times_.align += ms_since(begin);
   return results;
 }
 
+std::vector<FeatureCheck> Cascade::set_reference(int slot, const Reference& reference) {
+  const auto begin = Clock::now();
+  Running& first = running_.front();
+  std::vector<FeatureCheck> checks = first.aligner->set_reference(slot, reference);
+  const auto at = static_cast<size_t>(slot);
+  if (keyframes_.size() <= at) keyframes_.resize(at + 1);
+  keyframes_[at] = {};
+  Keyframe keyframe;
+  keyframe.reference = reference;
+  keyframe.reference.image = keep(reference.image, keyframe.image);
+  keyframe.reference.inverse_depth = keep(reference.inverse_depth, keyframe.inverse_depth);
+  keyframe.version = ++versions_;
+  keyframes_[at] = std::move(keyframe);
+  first.prepared.resize(std::max(first.prepared.size(), keyframes_.size()));
+  first.prepared[at] = versions_;
+  times_.prepare += ms_since(begin);
+  return checks;
+}
+
+const Reference* Cascade::reference(int slot) const {
+  const auto at = static_cast<size_t>(slot);
+  return slot >= 0 && at < keyframes_.size() && keyframes_[at].version != 0 ? &keyframes_[at].reference : nullptr;
+}
+
 std::vector<RefinedAlignment> Cascade::align(std::span<const CascadePair> pairs) {
+  // Views of the caller's pixels, which go with this call.
+  keyframes_.assign(pairs.size(), {});
+  std::vector<Pair> work;
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    keyframes_[i].reference = pairs[i].reference;
+    keyframes_[i].version = ++versions_;
+    work.push_back({static_cast<int>(i), pairs[i].target, pairs[i].T_10, {}, pairs[i].search, pairs[i].target_mask});
+  }
+  struct Forget {
+    std::vector<Keyframe>& keyframes;
+    ~Forget() { keyframes.clear(); }
+  } forget{keyframes_};
+  return align(work);
+}
+
+std::vector<RefinedAlignment> Cascade::align(std::span<const Pair> pairs) {
+  for (size_t i = 0; i < pairs.size(); ++i)
+    if (reference(pairs[i].reference) == nullptr)
+      throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
+                                                   std::to_string(pairs[i].reference) + " was not set; call set_reference");
   std::vector<RefinedAlignment> results(pairs.size());
   std::vector<size_t> left(pairs.size());
   for (size_t i = 0; i < left.size(); ++i) left[i] = i;
   for (size_t step = 0; step < steps_.size() && !left.empty(); ++step) {
-    std::vector<const CascadePair*> work;
-    for (const size_t i : left) work.push_back(&pairs[i]);
+    std::vector<Pair> work;
+    for (const size_t i : left) work.push_back(pairs[i]);
     std::vector<RefinedAlignment> answers = run(step, work);
     std::vector<size_t> unsettled;
     for (size_t k = 0; k < left.size(); ++k) {

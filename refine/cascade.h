@@ -1,4 +1,5 @@
 #pragma once
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -21,8 +22,8 @@ struct CascadePair {
 
 /// The cheapest answer that can be believed: every pair begins with the first model, and what does not end in
 /// Status::converged goes on to the next; the last one's answer stands whatever it is. A pair's answer does not depend on the
-/// pairs beside it. RefinedAlignment::model says who answered, RefinedAlignment::attempts what came before. One thread at a
-/// time.
+/// pairs beside it. RefinedAlignment::model says who answered, RefinedAlignment::attempts what came before. Pairs come with
+/// their references, or with the slots of keyframes that were prepared for any number of targets. One thread at a time.
 class Cascade {
  public:
   struct Step {
@@ -44,20 +45,37 @@ class Cascade {
 
   /// One result a pair, in order. Precondition: the aligners' plans hold as many references as there are pairs.
   /// Throws what `make` and Aligner throw.
+  /// Slots are not set afterwards.
   std::vector<RefinedAlignment> align(std::span<const CascadePair> pairs);
+
+  /// As Aligner's. Its pixels are copied, for models that are asked later.
+  std::vector<FeatureCheck> set_reference(int slot, const Reference& reference);
+  /// What was given for a slot, with our copy of the pixels; null where it is not set.
+  const Reference* reference(int slot) const;
+  /// One result a pair, in order. Throws Error(invalid_argument) for a slot that is not set, and what the other one throws.
+  std::vector<RefinedAlignment> align(std::span<const Pair> pairs);
 
   const Times& times() const { return times_; }
 
  private:
+  struct Keyframe {
+    Reference reference;
+    std::vector<uint8_t> image, inverse_depth;
+    uint64_t version = 0;  ///< 0: not set
+  };
   struct Running {
     std::unique_ptr<Aligner> aligner;
     std::unique_ptr<Refiner> refiner;
+    std::vector<uint64_t> prepared;  ///< a slot each, of Keyframe::version
   };
   void start(size_t step);
-  std::vector<RefinedAlignment> run(size_t step, std::span<const CascadePair* const> pairs);
+  void prepare(size_t step, int slot);
+  std::vector<RefinedAlignment> run(size_t step, const std::vector<Pair>& pairs);
 
   std::vector<Step> steps_;
   std::vector<Running> running_;
+  std::vector<Keyframe> keyframes_;  // by slot
+  uint64_t versions_ = 0;
   Times times_;
 };
 

@@ -1,11 +1,9 @@
 #include "apps/commands/run_options.h"
 
-#include <algorithm>
 #include <cmath>
 
 #include <spdlog/spdlog.h>
 
-#include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
 
 #include "apps/commands/command.h"
@@ -91,30 +89,10 @@ SessionOptions RunOptions::session(bool guessed) const {
   SessionOptions options;
   options.solver = parse_solver(solver);
   options.device = device;
-  const auto stage = [&](const std::string& name) {
-    ModelStage made;
-    if (name != "classical") made.model = std::make_shared<Model>(load_model(find_model(name)));
-    if (made.model) made.aligner = made.model->options();
-    const bool one_of_several = model == "auto" && made.model;  // options that it cannot take are the classical mode's
-    made.aligner.levels = levels.value_or(made.aligner.levels);
-    if (one_of_several) made.aligner.levels = std::min(made.aligner.levels, made.model->levels());
-    made.aligner.iterations = iterations.value_or(made.aligner.iterations);
-    made.aligner.lambda = lambda.value_or(made.aligner.lambda);
-    made.aligner.carry = carry.value_or(made.aligner.carry);
-    if (robust && !one_of_several) made.aligner.robust = parse_robust(*robust);
-    made.aligner.damping = parse_damping(damping);
-    made.aligner.precision = parse_precision(precision);
-    made.aligner.photometric = photometric.value_or(made.aligner.photometric);
-    made.aligner.search = start_search;
-    made.aligner.search.matching = search != "rotations";
-    made.aligner.search.enabled = search == "on" || search == "rotations" || (search == "auto" && !guessed && !dense);
-    made.aligner.search.rotation = search_rotation * M_PI / 180;
-    return made;
-  };
-  const ModelStage first = stage(model == "auto" ? "classical" : model);
-  options.aligner = first.aligner;
-  options.model = first.model;
-  if (model == "auto") options.then = {stage("sd6dof-small"), stage("sd6dof")};
+  std::vector<ModelStage> models = stages(guessed);
+  options.aligner = models.front().aligner;
+  options.model = models.front().model;
+  options.then.assign(models.begin() + 1, models.end());
   options.dense = dense;
   options.search_guessed = search != "auto";
   options.refine = !no_refine;

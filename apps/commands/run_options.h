@@ -1,28 +1,19 @@
 #pragma once
-#include <optional>
 #include <string>
 
 #include <CLI/CLI.hpp>
 
-#include "apps/session/model_lookup.h"
+#include "apps/session/alignment_wish.h"
 #include "apps/session/pair_input.h"
 #include "apps/session/session.h"
 
 namespace iclk {
 
 /// The options that align, batch and bench share, as text until they are checked.
-struct RunOptions {
-  std::string solver = "host", device, model = default_model(), precision = "fp32", damping = "fixed", search = "auto";
-  // Without a value: the model's, or the classical mode's.
-  std::optional<int> levels, iterations;
-  std::optional<double> lambda, carry;
-  std::optional<std::string> robust;
-  std::optional<bool> photometric;
-  std::string camera_sigma = "auto";
-  StartSearch start_search;
-  double search_rotation = 0;  // degrees
+struct RunOptions : AlignmentWish {
+  std::string solver = "host", device, camera_sigma = "auto";
   RefinerOptions refiner;
-  bool no_refine = false, dense = false;
+  bool no_refine = false;
 
   void add_to(CLI::App& command);
   /// Reads the model. Throws Error(invalid_argument) that names the value, Error(io) for a model that is not there.

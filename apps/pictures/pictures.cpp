@@ -10,6 +10,7 @@
 
 #include "apps/eval/pose_errors.h"
 #include "apps/pictures/drawing.h"
+#include "apps/session/feature_report.h"
 #include "apps/session/report.h"
 
 namespace iclk {
@@ -141,9 +142,9 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
   int lines = 0;
   for (int i = 0; i < pair.features.size(); ++i) {
     Mark mark;
-    mark.status = feature_status(pair, result, i);
+    mark.status = feature_status(pair.camera, pair.features, result, i);
     ++counts[mark.status];
-    if (!feature_position(pair, result, i, mark.at)) continue;
+    if (!feature_position(pair.camera, pair.features, result, i, mark.at)) continue;
     mark.has_line = project_feature(pair.camera, pair.features, i, pair.truth.value_or(pair.T_10), mark.line_end);
     if (mark.has_line && (mark.status == "aligned" || mark.status == "projected"))
       sum += (mark.line_end - mark.at).norm(), ++lines;

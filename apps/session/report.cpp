@@ -9,6 +9,7 @@
 #include "apps/io/pose_text.h"
 #include "apps/io/text.h"
 #include "apps/session/any_aligner.h"
+#include "apps/session/feature_report.h"
 #include "apps/version.h"
 
 namespace iclk {
@@ -19,11 +20,6 @@ using Json = nlohmann::ordered_json;
 constexpr double kDegrees = 180 / M_PI;
 
 Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
-
-/// No covariance is not a covariance of zero: a refinement that ends in max_iterations has none.
-bool has_covariance(const RefinedAlignment& result) {
-  return usable(result.status) && (result.covariance.diagonal().array() > 0).all();
-}
 
 Matrix6d covariance_or_nan(const RefinedAlignment& result) {
   return has_covariance(result) ? result.covariance : Matrix6d::Constant(NAN);
@@ -78,14 +74,14 @@ Json features(const PairInput& pair, const RefinedAlignment& result) {
   for (int i = 0; i < pair.features.size(); ++i) {
     const auto at = static_cast<size_t>(i);
     Eigen::Vector2d uv1(NAN, NAN);
-    feature_position(pair, result, i, uv1);
+    feature_position(pair.camera, pair.features, result, i, uv1);
     const double q = at < result.inverse_depth.size() ? result.inverse_depth[at] : pair.features.inverse_depth[at];
     list.push_back({{"u0", number(pair.features.uv[at].x())},
                     {"v0", number(pair.features.uv[at].y())},
                     {"inverse_depth", number(q)},
                     {"u1", number(uv1.x())},
                     {"v1", number(uv1.y())},
-                    {"status", feature_status(pair, result, i)}});
+                    {"status", feature_status(pair.camera, pair.features, result, i)}});
     if (at < result.features.size()) {
       const AlignedFeature& f = result.features[at];
       const bool aligned = f.status == FeatureStatus::aligned;
@@ -107,7 +103,7 @@ std::string format(const char* pattern, auto... values) {
 
 std::string feature_line(const PairInput& pair, const RefinedAlignment& result) {
   std::map<std::string, int> counts;
-  for (int i = 0; i < pair.features.size(); ++i) ++counts[feature_status(pair, result, i)];
+  for (int i = 0; i < pair.features.size(); ++i) ++counts[feature_status(pair.camera, pair.features, result, i)];
   const std::string good = result.features.empty() ? "projected" : "aligned";
   std::string text = format("%d of %d %s", counts[good], pair.features.size(), good.c_str());
   for (const auto& [status, count] : counts)
@@ -122,24 +118,6 @@ PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, con
   if (stage.name == "feature_alignment")
     error.e_pixel = aligned_error(pair.camera, pair.features, result.features, *pair.truth);
   return error;
-}
-
-std::string feature_status(const PairInput& pair, const RefinedAlignment& result, int i) {
-  const auto at = static_cast<size_t>(i);
-  if (at < result.iclk.features.size() && result.iclk.features[at] != FeatureCheck::ok) return name(result.iclk.features[at]);
-  if (at < result.features.size()) return name(result.features[at].status);
-  Eigen::Vector2d uv1;
-  return project_feature(pair.camera, pair.features, i, result.T_10, uv1) && pair.camera.contains(uv1) ? "projected"
-                                                                                                       : "out_of_image";
-}
-
-bool feature_position(const PairInput& pair, const RefinedAlignment& result, int i, Eigen::Vector2d& uv1) {
-  const auto at = static_cast<size_t>(i);
-  if (at < result.features.size() && result.features[at].status == FeatureStatus::aligned) {
-    uv1 = result.features[at].uv1;
-    return uv1.allFinite();
-  }
-  return project_feature(pair.camera, pair.features, i, result.T_10, uv1);
 }
 
 std::string hint(Status status, bool feature_file) {

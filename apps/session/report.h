@@ -45,11 +45,4 @@ PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, con
 /// One line that says what to try next; empty for converged. `feature_file`: the features were given, not chosen.
 std::string hint(Status status, bool feature_file = false);
 
-/// The status of feature i as JSON and pictures state it: a FeatureStatus, the FeatureCheck of a rejected one, or without
-/// refinement "projected" or "out_of_image".
-std::string feature_status(const PairInput& pair, const RefinedAlignment& result, int i);
-
-/// Where feature i came to lie in image 1: aligned, else projected by the final pose. False if it has no position.
-bool feature_position(const PairInput& pair, const RefinedAlignment& result, int i, Eigen::Vector2d& uv1);
-
 }  // namespace iclk

@@ -8,7 +8,6 @@
 #include <iclk/engine/error.h>
 
 #include "apps/io/images.h"
-#include "apps/io/text.h"
 #include "apps/session/any_aligner.h"
 
 namespace iclk {
@@ -27,16 +26,6 @@ PixelFormat device_format(const PairInput& pair) {
   return colour ? PixelFormat::rgba8 : PixelFormat::r8;
 }
 
-template <typename T>
-T parse_name(const std::string& name, const char* what, std::initializer_list<std::pair<const char*, T>> known) {
-  std::string all;
-  for (const auto& [text, value] : known) {
-    if (name == text) return value;
-    all += (all.empty() ? "" : ", ") + std::string(text);
-  }
-  throw Error(ErrorCode::invalid_argument, std::string(what) + " '" + printable(name) + "' is not known: one of " + all);
-}
-
 cv::Mat inverse_depth_of(const PairInput& pair) {
   if (pair.depth_0.empty())
     throw Error(ErrorCode::invalid_argument, pair.name_0 + ": --dense needs a depth image (--depth), not only features");
@@ -47,24 +36,6 @@ cv::Mat inverse_depth_of(const PairInput& pair) {
 }
 
 }  // namespace
-
-Solver parse_solver(const std::string& name) {
-  return parse_name<Solver>(name, "solver", {{"host", Solver::host}, {"device", Solver::device}, {"cpu", Solver::cpu}});
-}
-
-Robust parse_robust(const std::string& name) {
-  return parse_name<Robust>(
-      name, "robust weight",
-      {{"unit", Robust::unit}, {"huber", Robust::huber}, {"tukey", Robust::tukey}, {"cauchy", Robust::cauchy}});
-}
-
-Precision parse_precision(const std::string& name) {
-  return parse_name<Precision>(name, "precision", {{"fp32", Precision::fp32}, {"fp16", Precision::fp16}});
-}
-
-Damping parse_damping(const std::string& name) {
-  return parse_name<Damping>(name, "damping", {{"fixed", Damping::fixed}, {"adaptive", Damping::adaptive}});
-}
 
 std::string SessionOptions::model_name() const { return then.empty() ? iclk::model_name(model.get()) : "auto"; }
 

@@ -10,17 +10,12 @@
 #include <iclk/engine/context.h>
 #include <iclk/refine/cascade.h>
 
+#include "apps/session/alignment_wish.h"
 #include "apps/session/pair_input.h"
 
 namespace iclk {
 
 class DeviceAligner;
-
-/// A model, and how to align with it.
-struct ModelStage {
-  AlignerOptions aligner;
-  std::shared_ptr<const Model> model;  ///< null: the classical mode
-};
 
 struct SessionOptions {
   Solver solver = Solver::host;
@@ -78,11 +73,5 @@ class Session {
   std::vector<std::pair<std::string, const DeviceAligner*>> device_aligners_;  // the cascade's, by model
   SessionTimes times_;
 };
-
-/// Throws Error(invalid_argument) that lists the names.
-Solver parse_solver(const std::string& name);
-Robust parse_robust(const std::string& name);
-Precision parse_precision(const std::string& name);
-Damping parse_damping(const std::string& name);
 
 }  // namespace iclk

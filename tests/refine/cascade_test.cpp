@@ -98,7 +98,7 @@ TEST_F(Cascaded, AModelThatNobodyNeedsIsNotMade) {
   cascade.align(far);
   cascade.align(far);
   EXPECT_EQ(made_, 2);
-  EXPECT_TRUE(cascade.align({}).empty());
+  EXPECT_TRUE(cascade.align(std::span<const CascadePair>()).empty());
   EXPECT_GT(cascade.times().setup, 0);
   EXPECT_GT(cascade.times().align, 0);
 }
@@ -114,6 +114,42 @@ TEST_F(Cascaded, WithoutRefinementTheAlignmentsOwnWordCounts) {
     EXPECT_FALSE(r.refined);
     EXPECT_EQ(r.stages.size(), 1u);
   }
+}
+
+TEST_F(Cascaded, PreparedKeyframesGiveTheAnswersOfWholePairs) {
+  Cascade cascade({step("plain", false), step("searching", true)});
+  Cascade whole({step("plain", false), step("searching", true)});
+  {
+    Scene gone(0.3);  // its pixels are read again when the second model is asked
+    cascade.set_reference(2, {gone.image0.view(), gone.relief.camera, gone.features, {}});
+  }
+  cascade.set_reference(0, near_.pair().reference);
+  ASSERT_NE(cascade.reference(2), nullptr);
+  EXPECT_EQ(cascade.reference(1), nullptr);
+  const CascadePair given[] = {far_.pair(), near_.pair(), far_.pair()};
+  const Pair pairs[] = {{2, far_.image1.view()}, {0, near_.image1.view()}, {2, far_.image1.view()}};
+  const auto expected = whole.align(given);
+  for (int round = 0; round < 2; ++round) {
+    const auto results = cascade.align(pairs);
+    for (size_t i = 0; i < 3; ++i) {
+      EXPECT_EQ(results[i].model, expected[i].model);
+      EXPECT_EQ(results[i].T_10.t, expected[i].T_10.t);
+      EXPECT_EQ(results[i].covariance, expected[i].covariance);
+    }
+  }
+  EXPECT_EQ(made_, 4) << "two models of each";
+  // A slot that is set anew is another keyframe for every model.
+  cascade.set_reference(2, other_.pair().reference);
+  const Pair other[] = {{2, other_.image1.view()}};
+  EXPECT_TRUE(cascade.align(other)[0].converged());
+  EXPECT_FALSE(cascade.align(pairs)[0].converged());
+
+  const Pair unset[] = {{1, near_.image1.view()}};
+  EXPECT_THROW(cascade.align(unset), Error);
+  EXPECT_THROW(cascade.set_reference(3, near_.pair().reference), Error);
+  cascade.align(given);
+  EXPECT_EQ(cascade.reference(0), nullptr) << "whole pairs take the slots";
+  EXPECT_THROW(cascade.align(pairs), Error);
 }
 
 TEST_F(Cascaded, WhatCannotBeMadeIsAnError) {

@@ -1,0 +1,151 @@
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <iclk/align/model_file.h>
+#include <iclk/engine/error.h>
+#include <iclk/track/tracker.h>
+
+#include "apps/io/depth_sigma.h"
+#include "apps/session/any_aligner.h"
+#include "apps/session/model_lookup.h"
+#include "python/arrays.h"
+#include "python/bindings.h"
+#include "python/device.h"
+#include "python/options.h"
+#include "python/work.h"
+
+namespace nb = nanobind;
+
+namespace iclk::python {
+namespace {
+
+struct Tracking {
+  std::unique_ptr<Aligner> aligner;
+  std::unique_ptr<Tracker> tracker;
+};
+
+/// iclk._core.Tracker: a tracker with the aligner that `iclk track` makes for it.
+class BoundTracker {
+ public:
+  BoundTracker(const Intrinsics& intrinsics, int width, int height, const std::string& model, const std::string& solver,
+               const std::string& device, const std::vector<std::string>& folders, int features, int keyframes, int window,
+               double min_visible, double readout, const std::string& depth_sigma, bool masks) {
+    TrackerOptions options;
+    options.detector.count = features;
+    options.keyframes = keyframes;
+    options.window = window;
+    options.min_visible = min_visible;
+    options.readout = readout;
+    options.masks = masks;
+    const Camera camera = python::camera(intrinsics, width, height);
+    const DepthSigma noise = parse_depth_sigma(depth_sigma);
+    options.depth_noise = {noise.constant + noise.disparity / std::abs(camera.fx), noise.relative};
+    options.check();
+    const Solver solved_by = device == "cpu" ? Solver::cpu : parse_solver(solver);
+    const auto context = solved_by == Solver::cpu ? nullptr : shared_device(device);
+    const Working working;
+    AlignerOptions aligner;
+    std::shared_ptr<const Model> learned;
+    if (model != "classical") {
+      learned = std::make_shared<const Model>(load_model(find_model(model, folders)));
+      aligner = learned->options();
+    }
+    aligner.search.enabled = true;
+    Plan plan = Tracker::plan(camera, options);
+    if (learned) plan.format = PixelFormat::rgba8;
+    auto made = std::make_unique<Tracking>();
+    made->aligner = make_any_aligner(solved_by, context, plan, aligner, learned);
+    made->tracker = std::make_unique<Tracker>(*made->aligner, camera, options);
+    tracking_.reset(std::move(made));
+  }
+
+  nb::typed<nb::dict, nb::str, nb::any> track(double time, const Array& image, const std::optional<Array>& depth,
+                                              const std::optional<Array>& mask) {
+    tracking_.check();
+    TrackFrame frame{time, image_view(image), {}, {}};
+    if (depth) frame.depth = image_view(*depth);
+    if (mask) frame.mask = image_view(*mask);
+    TrackResult r;
+    {
+      const Working working;
+      const auto lock = tracking_.lock();
+      r = tracking_.get()->tracker->track(frame);
+    }
+    nb::typed<nb::dict, nb::str, nb::any> out;
+    out["time"] = r.time;
+    out["status"] = name(r.status);
+    out["confirmed"] = r.confirmed;
+    out["reason"] = r.reason;
+    out["map"] = r.map;
+    out["keyframe"] = r.keyframe;
+    out["T_CK"] = to_array(r.T_CK);
+    out["T_WC"] = to_array(r.T_WC);
+    out["covariance"] = to_array(r.covariance);
+    out["features"] = r.features;
+    out["visible"] = r.visible;
+    out["inliers"] = r.inliers;
+    out["sigma"] = r.sigma;
+    check_signals();
+    return out;
+  }
+
+  NewArray<double> keyframe_poses() {
+    std::vector<double> poses;
+    size_t count = 0;
+    {
+      const Working working;
+      const auto lock = tracking_.lock();
+      const Tracker& tracker = *tracking_.get()->tracker;
+      count = static_cast<size_t>(tracker.keyframe_count());
+      for (size_t id = 0; id < count; ++id) {
+        const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> T = tracker.keyframe_pose(static_cast<int>(id)).matrix();
+        poses.insert(poses.end(), T.data(), T.data() + T.size());
+      }
+    }
+    return to_array(poses.data(), {count, 4, 4});
+  }
+
+  nb::bytes state() {
+    std::vector<uint8_t> bytes;
+    {
+      const Working working;
+      const auto lock = tracking_.lock();
+      bytes = tracking_.get()->tracker->state();
+    }
+    return nb::bytes(bytes.data(), bytes.size());
+  }
+
+  void restore(const nb::bytes& state) {
+    const std::span bytes(static_cast<const uint8_t*>(state.data()), state.size());
+    const Working working;
+    const auto lock = tracking_.lock();
+    tracking_.get()->tracker->restore(bytes);
+  }
+
+ private:
+  Owned<Tracking> tracking_{"Tracker"};
+};
+
+}  // namespace
+
+void bind_tracker(nb::module_& m) {
+  nb::class_<BoundTracker>(m, "Tracker")
+      .def(nb::init<const Intrinsics&, int, int, const std::string&, const std::string&, const std::string&,
+                    const std::vector<std::string>&, int, int, int, double, double, const std::string&, bool>(),
+           nb::arg("intrinsics"), nb::arg("width"), nb::arg("height"), nb::arg("model"), nb::arg("solver"), nb::arg("device"),
+           nb::arg("folders"), nb::arg("features"), nb::arg("keyframes"), nb::arg("window"), nb::arg("min_visible"),
+           nb::arg("readout"), nb::arg("depth_sigma"), nb::arg("masks"))
+      .def("track", &BoundTracker::track, nb::arg("time"), nb::arg("image"), nb::arg("depth").none(), nb::arg("mask").none())
+      .def("keyframe_poses", &BoundTracker::keyframe_poses)
+      .def("state", &BoundTracker::state)
+      .def("restore", &BoundTracker::restore, nb::arg("state"));
+}
+
+}  // namespace iclk::python

@@ -1,0 +1,217 @@
+"""Alignment of images in memory: what `iclk align` does, to the bit."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, TypedDict
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _arrays, _core
+from ._models import default_model, folders
+from ._results import Alignment
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+
+class Options(TypedDict, total=False):
+    """How to align: options of `iclk align`, which has the same names, defaults and words for them (`iclk align --help`)."""
+
+    solver: str  #: "host" (default), "device", which is faster for batches on a GPU, or "cpu"
+    search: str  #: "auto" (default: on where no T_10 is given), "on", "rotations" or "off"
+    search_rotation: float  #: largest pan and tilt that is tried, degrees
+    levels: int | None
+    iterations: int | None  #: a level, at most
+    damping: str  #: "fixed" (default) or "adaptive"
+    damping_lambda: float | None  #: the command's --lambda
+    carry: float | None
+    robust: str | None  #: "unit", "huber", "tukey" or "cauchy"
+    photometric: bool | None
+    precision: str  #: of a model's activations on a device: "fp32" (default) or "fp16"
+    refine: bool  #: False: stop after ICLK
+    refine_rounds: int
+    recolour: bool
+    rolling_shutter: bool  #: False: both cameras read all rows at once
+    structure: bool  #: refine the inverse depths along with the pose
+
+
+class Pair(NamedTuple):
+    """A target for a prepared reference; ``(slot, target)`` does as well."""
+
+    slot: int
+    target: Any  #: like the reference
+    T_10: Any = None  #: first guess, 4 x 4; None: it is searched for
+    mask: Any = None  #: H x W of bool or uint8, 0 where the target is not to be looked at: what moves by itself, a border
+
+
+def detect(image: Any, depth: Any, count: int = 200) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """At most ``count`` features of an image where its depth is known: corners, spread over the image, depth edges last.
+
+    This is the detector of the sequences (`iclk track`), since that of `iclk align` is made of OpenCV; both take 200 at most.
+
+    image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, float; 0, negative,
+    NaN and infinite mean none. Returns uv (N x 2, px, centres at whole numbers) and their depths (N, metres). Raises
+    ValueError for another shape or type.
+    """
+    pixels = _arrays.image(image, "image")
+    metres = _arrays.depth_map(depth, "depth")
+    uv, inverse_depth = _core.detect(pixels, metres, count)
+    return uv, 1.0 / inverse_depth
+
+
+class Aligner:
+    """Aligns targets with prepared references (keyframes) of one image size, on one device, warm from call to call.
+
+    width, height: pixels of every image. model: "auto" (classical, then what does not converge by sd6dof-small, then by
+    sd6dof), "classical", "sd6dof-small", "sd6dof" or a path; default: ICLK_MODEL, else "auto". device: index, part of the name
+    or UUID of a Vulkan device (``iclk.devices()``), or "cpu", which needs no Vulkan; default: ICLK_DEVICE, else the best.
+    references: slots. batch: pairs that the device works on at a time; longer lists are split. features: most that references
+    will have, more cost a new plan. Other options: ``iclk.Options``.
+
+    Images of 8 bits or grey take less memory on the device than others; what an aligner was given first decides, and another
+    kind of image costs a new plan. One thread at a time works, others wait; the GIL is released. A pickled aligner does not
+    exist: make one in each worker. One that was made before a fork raises ``iclk.Error`` in the child.
+
+    Raises ValueError for sizes and options that cannot be, TypeError for an unknown one, ``iclk.Error`` where there is no
+    Vulkan (code "no_driver"), no such device, no such model, or too little memory.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        model: str | None = None,
+        device: str | int | None = None,
+        *,
+        references: int = 16,
+        batch: int = 16,
+        features: int = 200,
+        **options: Unpack[Options],
+    ) -> None:
+        chosen = {**options, "model": default_model() if model is None else model}
+        if device is not None:
+            chosen["device"] = str(device)
+        self._core = _core.Aligner(width, height, references, batch, features, chosen, folders())
+
+    @property
+    def device(self) -> str:
+        """The name of the device that it works on."""
+        return self._core.device
+
+    def set_reference(
+        self,
+        slot: int,
+        image: Any,
+        uv: Any,
+        depth: Any,
+        K: Any,
+        *,
+        sigma: Any = None,
+        count: int = 200,
+    ) -> list[str]:
+        """Prepares a keyframe, for any number of targets. Its pixels are copied.
+
+        slot: 0 to ``references - 1``. image: H x W or H x W x 3 (RGB), uint8 and uint16 (their range is 0 to 1) or float32 (0
+        to 1). uv: N x 2 pixels, centres at whole numbers, or None, where ``detect`` chooses at most ``count``. depth: N metres
+        along the optical axis beside uv, or H x W beside None; any unit will do, and is that of the pose. K: 3 x 3, or fx, fy,
+        cx, cy, of undistorted images. sigma: N standard deviations of the depths, where they are known.
+
+        Returns "ok" a feature, or why it takes no part ("not_finite", "no_depth", "outside_image"). Raises ValueError for
+        another shape, type or size, NaN in an image, and a slot that there is not.
+        """
+        pixels = _arrays.image(image, "reference")
+        at, inverse_depth = _features(pixels, uv, depth, count)
+        deviation = np.zeros(0)
+        if sigma is not None:
+            deviation = _arrays.vector(sigma, "sigma")
+            if len(deviation) != len(at):
+                raise _arrays.refuse(f"{len(at)} features, but {len(deviation)} sigmas; one a feature is wanted")
+            deviation = deviation * inverse_depth**2  # dq = dz / z^2
+        return self._core.set_reference(slot, pixels, at, inverse_depth, deviation, _arrays.intrinsics(K))
+
+    def align_batch(self, pairs: Iterable[Pair | Sequence[Any]]) -> list[Alignment]:
+        """One answer a pair, in order; what cannot be aligned is a status, not an exception.
+
+        pairs: ``(slot, target)``, ``(slot, target, T_10)`` or ``iclk.Pair``. A pair's answer depends on no other. Ctrl-C ends
+        it behind the batch that is under way. Raises ValueError for bad input, before anything is done, and ``iclk.Error`` for
+        a lost device.
+        """
+        work = []
+        for i, item in enumerate(pairs):
+            pair = Pair(*item)
+            guess = None if pair.T_10 is None else _arrays.pose(pair.T_10, f"pair {i}: T_10")
+            mask = None if pair.mask is None else _arrays.mask(pair.mask, f"pair {i}: mask")
+            work.append((int(pair.slot), _arrays.image(pair.target, f"pair {i}: target"), guess, mask))
+        return [Alignment._of(fields) for fields in self._core.align(work)]
+
+    def align(self, slot: int, target: Any, T_10: Any = None, mask: Any = None) -> Alignment:
+        """One pair of ``align_batch``."""
+        return self.align_batch([Pair(slot, target, T_10, mask)])[0]
+
+
+def _features(
+    pixels: npt.NDArray[Any], uv: Any, depth: Any, count: int
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    if uv is None:
+        return _core.detect(pixels, _arrays.depth_map(depth, "depth"), count)
+    at, metres = _arrays.points(uv, "uv"), _arrays.numbers(depth, "depth")
+    if metres.ndim == 2 and metres.shape == pixels.shape[:2]:
+        raise _arrays.refuse("depth is a map: give None for uv, or the depths at uv: depth[v, u]")
+    if len(at) != metres.size or metres.ndim != 1:
+        raise _arrays.refuse(f"{len(at)} features (uv), but depth has the shape {metres.shape}; one depth a feature is wanted")
+    return at, _arrays.inverse(metres)
+
+
+_kept = threading.local()  # aligners of `align`, by what they were made for
+_MOST_KEPT = 4
+
+
+def align(
+    reference: Any,
+    target: Any,
+    uv: Any,
+    depth: Any,
+    K: Any,
+    *,
+    T_10: Any = None,
+    mask: Any = None,
+    sigma: Any = None,
+    count: int = 200,
+    model: str | None = None,
+    device: str | int | None = None,
+    **options: Unpack[Options],
+) -> Alignment:
+    """Aligns a target image with a reference image of which some depths are known; the answer is that of `iclk align`.
+
+    reference, target: H x W or H x W x 3 (RGB), uint8, uint16 or float32, of one size and camera, undistorted. uv, depth, K,
+    sigma, count: as of ``Aligner.set_reference``; ``uv=None`` takes features where the H x W depth is known. T_10: first guess,
+    4 x 4; without one the features are looked for in the whole target. mask: H x W, 0 where the target is not to be looked at.
+    model, device, options: as of ``Aligner``.
+
+    A thread keeps the aligners of its last few sizes, so that the next call finds it warm; ``iclk.Aligner`` is for many
+    targets of one reference, and for batches. Raises what ``Aligner`` raises.
+    """
+    first, second = _arrays.image(reference, "reference"), _arrays.image(target, "target")
+    if first.shape[:2] != second.shape[:2]:
+        raise _arrays.refuse(f"target is {second.shape[1]}x{second.shape[0]}, reference {first.shape[1]}x{first.shape[0]}: "
+                             "they must have one size")
+    chosen_model = default_model() if model is None else model
+    kinds = (first.ndim, first.dtype.str, second.ndim, second.dtype.str, mask is None)
+    environment = (os.getpid(), os.environ.get("ICLK_DEVICE"), os.environ.get("ICLK_TUNING"))
+    key = (first.shape[:2], kinds, chosen_model, device, tuple(sorted(options.items())), environment)
+    kept: OrderedDict[Any, Aligner] = _kept.__dict__.setdefault("aligners", OrderedDict())
+    aligner = kept.pop(key, None)
+    if aligner is None:
+        height, width = first.shape[:2]
+        aligner = Aligner(width, height, chosen_model, device, references=1, batch=1, features=1, **options)
+    aligner.set_reference(0, first, uv, depth, K, sigma=sigma, count=count)
+    result = aligner.align(0, second, T_10, mask)
+    kept[key] = aligner
+    while len(kept) > _MOST_KEPT:
+        kept.popitem(last=False)
+    return result

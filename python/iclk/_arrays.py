@@ -1,0 +1,116 @@
+"""Arrays as they come, made into what iclk._core takes. Nothing is copied that need not be."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._errors import InvalidArgument
+
+_PIXELS = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
+
+
+def refuse(message: str) -> InvalidArgument:
+    return InvalidArgument("invalid_argument", message)
+
+
+def array(x: Any, name: str) -> npt.NDArray[Any]:
+    """NumPy, ``__array_interface__``, ``__array__`` (PyTorch on the CPU), the buffer protocol, DLPack, or nested lists."""
+    if isinstance(x, np.ndarray):
+        return x
+    try:
+        if hasattr(x, "__dlpack__") and not (hasattr(x, "__array_interface__") or hasattr(x, "__array__")):
+            return np.from_dlpack(x)
+        return np.asarray(x)
+    except (TypeError, ValueError, RuntimeError, BufferError) as e:
+        raise refuse(f"{name} cannot be read as an array: {e}") from e
+
+
+def _native(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return a if a.dtype.isnative else a.astype(a.dtype.newbyteorder("="))
+
+
+def image(x: Any, name: str) -> npt.NDArray[Any]:
+    """H x W or H x W x 3, uint8, uint16 or float32; rows that are packed in themselves and follow each other downwards."""
+    a = _native(array(x, name))
+    if a.ndim != 2 and not (a.ndim == 3 and a.shape[2] == 3):
+        raise refuse(f"{name} has the shape {a.shape}; H x W (grey) or H x W x 3 (red, green, blue) is wanted")
+    if a.dtype not in _PIXELS:
+        raise refuse(f"{name} is {a.dtype}; uint8, uint16 or float32 (from 0 to 1) is wanted")
+    if a.dtype == np.float32 and not np.isfinite(a).all():
+        raise refuse(f"{name} holds NaN or infinite pixels; hide them with a mask, and give them any number")
+    pixel = a.itemsize * (a.shape[2] if a.ndim == 3 else 1)
+    packed = a.strides[-1] == a.itemsize and a.strides[1] == pixel and a.strides[0] >= a.shape[1] * pixel
+    if packed and a.flags.aligned and a.strides[0] % a.itemsize == 0:
+        return a
+    return np.ascontiguousarray(a)
+
+
+def mask(x: Any, name: str) -> npt.NDArray[np.uint8]:
+    """H x W, bool or uint8: 0 and False hide."""
+    a = array(x, name)
+    if a.ndim != 2 or a.dtype not in (np.dtype(bool), np.dtype(np.uint8)):
+        raise refuse(f"{name} is {a.dtype} of the shape {a.shape}; H x W of bool or uint8 is wanted")
+    return np.ascontiguousarray(a).view(np.uint8)
+
+
+def depth_map(x: Any, name: str) -> npt.NDArray[np.float32]:
+    """H x W metres."""
+    a = array(x, name)
+    if a.ndim != 2:
+        raise refuse(f"{name} has the shape {a.shape}; H x W is wanted, or the features' uv beside N depths")
+    if a.dtype.kind != "f":
+        hint = "raw / 5000.0 of TUM RGB-D, raw / 1000.0 of millimetres"
+        raise refuse(f"{name} is {a.dtype}; metres as float32 are wanted: {hint}")
+    return np.ascontiguousarray(a, dtype=np.float32)
+
+
+def vector(x: Any, name: str) -> npt.NDArray[np.float64]:
+    a = numbers(x, name)
+    if a.ndim != 1:
+        raise refuse(f"{name} has the shape {a.shape}; N numbers are wanted")
+    return a
+
+
+def points(x: Any, name: str) -> npt.NDArray[np.float64]:
+    a = numbers(x, name)
+    if a.size == 0 and a.ndim < 2:
+        return np.zeros((0, 2))
+    if a.ndim != 2 or a.shape[1] != 2:
+        raise refuse(f"{name} has the shape {a.shape}; N x 2 (u, v) is wanted")
+    return a
+
+
+def pose(x: Any, name: str) -> npt.NDArray[np.float64]:
+    a = numbers(x, name)
+    if a.shape != (4, 4):
+        raise refuse(f"{name} has the shape {a.shape}; a 4 x 4 matrix is wanted")
+    return a
+
+
+def numbers(x: Any, name: str) -> npt.NDArray[np.float64]:
+    a = array(x, name)
+    if a.dtype.kind not in "fiu":
+        raise refuse(f"{name} is {a.dtype}; numbers are wanted")
+    return np.ascontiguousarray(a, dtype=np.float64)
+
+
+def intrinsics(K: Any) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of four numbers or of a 3 x 3 matrix."""
+    a = numbers(K, "K")
+    if a.shape == (4,):
+        return float(a[0]), float(a[1]), float(a[2]), float(a[3])
+    if a.shape != (3, 3):
+        raise refuse(f"K has the shape {a.shape}; fx, fy, cx, cy or a 3 x 3 matrix is wanted")
+    zeros = (a[0, 1], a[1, 0], a[2, 0], a[2, 1])
+    if any(z != 0 for z in zeros) or a[2, 2] != 1:
+        raise refuse("K is no camera matrix without skew: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is wanted")
+    return float(a[0, 0]), float(a[1, 1]), float(a[0, 2]), float(a[1, 2])
+
+
+def inverse(depth: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """As the command's feature files: a depth of 0 is none."""
+    with np.errstate(divide="ignore"):
+        return np.where(depth == 0, 0.0, 1.0 / depth)

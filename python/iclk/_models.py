@@ -1,0 +1,29 @@
+"""The models that lie in this package."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from . import _core
+
+
+def folders() -> list[str]:
+    return [str(Path(__file__).parent / "models")]
+
+
+def default_model() -> str:
+    return os.environ.get("ICLK_MODEL") or "auto"
+
+
+def model_info(model: str, width: int = 752, height: int = 480) -> dict[str, Any]:
+    """What a model file holds, as `iclk model info --json` says it: architecture, parameters, GMAC, licence, provenance.
+
+    model: the name of one of the models of this package ("sd6dof", "sd6dof-small"), or a path. width, height: images for which
+    the cost is counted. Raises ``iclk.Error`` (code "io") for one that is not there or damaged, ValueError for images that are
+    too small for its levels.
+    """
+    info: dict[str, Any] = json.loads(_core.model_info(model, width, height, folders()))
+    return info

@@ -1,0 +1,75 @@
+"""What iclk answers: plain values, which pickle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Status = Literal["converged", "max_iterations", "low_overlap", "degenerate", "too_few_features", "diverged"]
+
+
+class Attempt(NamedTuple):
+    """What one model of ``model="auto"`` made of a pair."""
+
+    model: str
+    status: Status
+    reason: str
+
+
+class Stage(NamedTuple):
+    """The pose as a stage left it: "iclk", "feature_alignment", "pose", "structure"."""
+
+    name: str
+    T_10: Floats  #: 4 x 4
+    cost: float
+    ms: float  #: a batch's time is shared evenly by its pairs
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """A pair's answer, with the numbers of ``iclk align --json`` (docs/schema/result-1.json). N features, in their order."""
+
+    status: Status
+    reason: str  #: the status in words, with the numbers that decided it
+    T_10: Floats  #: 4 x 4: takes points of camera 0 (reference) to camera 1 (target), in the unit of the depth
+    covariance: Floats  #: 6 x 6 of [rho, phi], T_10 = mean Exp(xi), translation first, rad; NaN where there is none
+    refined: bool  #: pose and covariance are the refinement's, else ICLK's
+    turn: Floats | None  #: of a rolling shutter, rad; None unless proven
+    uv: Floats  #: N x 2, px in the target: aligned, else projected by T_10; NaN where there is none
+    uv_covariance: Floats  #: N x 2 x 2, px^2; NaN unless aligned
+    feature_status: tuple[str, ...]  #: "aligned", "diverged", "bad_match", "out_of_image", "no_depth", ...
+    inverse_depth: Floats  #: N, 1 / m: refined with structure=True, else as given
+    inverse_depth_sigma: Floats  #: N; NaN unless refined
+    gain: float  #: target = gain reference + bias, grey from 0 to 1, as ICLK found them
+    bias: float
+    visible_fraction: float
+    correlation: float
+    agreement: float
+    inliers: int  #: features that were aligned and agree on the pose
+    sigma: float  #: px, robust standard deviation of the reprojection residuals
+    model: str  #: who answered
+    attempts: list[Attempt]
+    stages: list[Stage]
+
+    @property
+    def converged(self) -> bool:
+        """Pose and covariance hold."""
+        return self.status == "converged"
+
+    @property
+    def aligned(self) -> npt.NDArray[np.bool_]:
+        """N: which features were found in the target."""
+        return np.array([s == "aligned" for s in self.feature_status], dtype=bool)
+
+    @staticmethod
+    def _of(fields: dict[str, Any]) -> Alignment:
+        fields["attempts"] = [Attempt(*a) for a in fields["attempts"]]
+        fields["stages"] = [Stage(*s) for s in fields["stages"]]
+        return Alignment(**fields)
+
+    def __repr__(self) -> str:
+        return f"<iclk.Alignment {self.reason if self.reason.startswith(self.status) else f'{self.status}: {self.reason}'}>"

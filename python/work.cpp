@@ -1,0 +1,53 @@
+#include "python/work.h"
+
+#include <pthread.h>
+
+#include <atomic>
+#include <chrono>
+#include <string>
+#include <thread>
+
+#include <iclk/engine/error.h>
+
+namespace nb = nanobind;
+
+namespace iclk::python {
+namespace {
+
+std::atomic<int> pending = 0;
+std::atomic<bool> ending = false;
+
+/// The threads that were at work are not in a forked process.
+const int registered = pthread_atfork(nullptr, nullptr, [] { pending = 0; });
+
+}  // namespace
+
+Working::Working() {
+  static_cast<void>(registered);
+  if (ending) throw Error(ErrorCode::unsupported, "the interpreter is ending: nothing new is begun");
+  ++pending;
+  released_.emplace();
+}
+
+Working::~Working() {
+  released_.reset();
+  --pending;
+}
+
+void finish_work() {
+  ending = true;
+  const nb::gil_scoped_release released;
+  while (pending > 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+}
+
+void check_signals() {
+  if (PyErr_CheckSignals() != 0) throw nb::python_error();
+}
+
+void refuse_forked(const char* what) {
+  throw Error(ErrorCode::unsupported, std::string("this ") + what +
+                                          " was made before the process was forked, and its device did not come along: make "
+                                          "one in the worker, or start workers with multiprocessing's 'spawn'");
+}
+
+}  // namespace iclk::python

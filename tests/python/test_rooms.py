@@ -1,0 +1,103 @@
+"""Tracker, depth maps, terrain."""
+
+from __future__ import annotations
+
+import iclk
+import numpy as np
+import pytest
+from conftest import Scene, make_scene, needs_vulkan, pose
+
+
+def steps(count: int) -> list[np.ndarray]:
+    return [pose((0.03 * i, -0.01 * i, 0.02 * i), (0.004 * i, 0.006 * i, -0.005 * i + 1e-9)) for i in range(count)]
+
+
+def frames(count: int) -> list[Scene]:
+    """What the cameras of steps() see of one plane; each reference is the first."""
+    return [make_scene(160, 120, T_10=T) for T in steps(count)]
+
+
+def test_a_tracker_follows(device: str | None) -> None:
+    seen = frames(4)
+    tracker = iclk.Tracker(seen[0].K, device=device, depth_sigma="rendered", features=100)
+    first = tracker.track(seen[0].reference, seen[0].depth, 0.0)
+    assert first.status == "keyframe" and not first.lost
+    for i, s in enumerate(seen[1:], 1):
+        frame = tracker.track(s.target, None, 0.1 * i)
+        assert frame.status in ("tracked", "keyframe") and frame.confirmed, frame.reason
+        assert s.error(np.linalg.inv(frame.T_WC)) < 0.3
+    lost = tracker.track(np.zeros((120, 160), np.uint8), None, 1.0)
+    assert lost.lost and lost.reason
+    assert tracker.keyframe_poses().shape[1:] == (4, 4)
+    with pytest.raises(ValueError, match="does not come after"):
+        tracker.track(seen[0].reference, seen[0].depth, 0.5)
+    with pytest.raises(ValueError, match="160x120"):
+        tracker.track(seen[0].reference[1:], None, 2.0)
+
+
+def test_a_tracker_goes_on_from_its_state() -> None:
+    seen = frames(3)
+
+    def make() -> iclk.Tracker:
+        return iclk.Tracker(seen[0].K, device="cpu", depth_sigma="rendered", features=100)
+
+    one, other = make(), make()
+    one.track(seen[0].reference, seen[0].depth, 0.0)
+    one.track(seen[1].target, None, 0.1)
+    state = one.state()
+    other.restore(state)
+    a, b = (t.track(seen[2].target, None, 0.2) for t in (one, other))
+    np.testing.assert_array_equal(a.T_WC, b.T_WC)
+    with pytest.raises(ValueError):
+        one.restore(b"nothing of the kind")
+    with pytest.raises(ValueError, match="depth-sigma"):
+        iclk.Tracker(seen[0].K, device="cpu", depth_sigma="good").track(seen[0].reference, seen[0].depth, 0)
+
+
+@needs_vulkan
+def test_a_depth_map_is_that_of_the_plane() -> None:
+    s = make_scene(160, 120, T_10=pose((-0.25, 0.01, 0.0), (0.001, 0.002, 0.001)))
+    for how in ({"near": 3.0, "far": 6.0}, {"uv": s.uv, "depth": s.z}):
+        m = iclk.depth_map(s.reference, [(s.target, s.T_10)], s.K, **how)
+        assert m.depth.shape == m.confidence.shape == s.depth.shape and m.depth.dtype == np.float32
+        known = m.depth > 0
+        assert m.valid == pytest.approx(known.mean()) and m.valid > 0.8
+        assert np.median(np.abs(m.depth - s.depth)[known] / s.depth[known]) < 0.01
+    filled = iclk.depth_map(s.reference, [(s.target, s.T_10)], s.K, near=3, far=6, fill=True)
+    assert (filled.depth > 0).all()
+    for wrong, words in (
+        ({}, "near and far"),
+        ({"near": -1.0}, "positive"),
+        ({"far": 3.0}, "without near"),
+        ({"near": 6.0, "far": 3.0}, "far|near"),
+        ({"near": 3.0, "uv": s.uv}, "go together"),
+        ({"near": 3.0, "device": "cpu"}, "Vulkan"),
+        ({"near": 3.0, "planes": 7}, "planes"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            iclk.depth_map(s.reference, [(s.target, s.T_10)], s.K, **wrong)
+    with pytest.raises(ValueError, match="move"):
+        iclk.depth_map(s.reference, [(s.target, np.eye(4))], s.K, near=3.0)
+    with pytest.raises(ValueError):
+        iclk.depth_map(s.reference, [], s.K, near=3.0)
+
+
+@needs_vulkan
+def test_terrain_gives_pairs_with_truth() -> None:
+    K, width, height = (150, 150, 79.5, 59.5), 160, 120
+    terrain = iclk.Terrain(seed=3, size=96)
+    p = terrain.pair(1, K, width, height, altitude=(30, 40), translation=1.0)
+    assert p.reference.shape == (height, width, 3) and p.depth.shape == (height, width) and (p.depth > 0).all()
+    np.testing.assert_allclose(np.linalg.inv(p.T_W1) @ p.T_W0, p.T_10, atol=1e-9)
+    image, depth = terrain.render(p.T_W0, K, width, height)
+    np.testing.assert_array_equal(image, p.reference)
+    np.testing.assert_array_equal(depth, p.depth)
+    uv, z = iclk.detect(p.reference, p.depth, 100)
+    scene = Scene(p.reference, p.target, p.depth, K, p.T_10, uv, z)
+    r = iclk.align(p.reference, p.target, uv, z, K, model="classical")
+    assert r.converged and scene.error(r.T_10) < 0.5
+    assert np.isnan(terrain.height_at(-1, 0)) and np.isfinite(terrain.height_at(48, 48))
+    with pytest.raises(ValueError, match="ground"):
+        terrain.render(np.eye(4), K, width, height)
+    with pytest.raises(ValueError, match="cpu"):
+        iclk.Terrain(device="cpu")
