@@ -163,7 +163,7 @@ void add_depth(CLI::App& app) {
   command->option_defaults()->group("Matching");
   command
       ->add_option("--planes", options->planes,
-                   "Planes of inverse depth, a multiple of 4; 0: one a pixel of motion, 256 at most")
+                   "Planes of inverse depth, a multiple of 16; 0: one a pixel of motion, 256 at most")
       ->capture_default_str();
   command->add_option("--p1", sweep.p1, "Penalty where neighbours differ by a plane")->capture_default_str();
   command->add_option("--p2", sweep.p2, "Penalty where they differ by more")->capture_default_str();

@@ -15,7 +15,7 @@
 namespace iclk::test {
 namespace {
 
-constexpr int kWidth = 120, kHeight = 80, kPlanes = 24;
+constexpr int kWidth = 120, kHeight = 80, kPlanes = 32;
 const Camera kCamera{100, 100, 59.5, 39.5, kWidth, kHeight};
 
 /// A texture without repetition, smooth enough to be interpolated.
@@ -49,9 +49,9 @@ Map seen(const Eigen::Vector3d& plane, const Eigen::Vector3d& t) {
 ImageView view(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
 SE3 moved(const Eigen::Vector3d& t) { return {Eigen::Matrix3d::Identity(), t}; }
 
-/// Disparity of a whole pixel a plane: baseline 0.5 m, planes from 0 to 23 px.
+/// Disparity of a whole pixel a plane: baseline 0.5 m, planes from 0 to 31 px.
 const Eigen::Vector3d kLeft(-0.5, 0, 0);
-const DepthRange kRange{50.0 / 23, std::numeric_limits<double>::infinity()};
+const DepthRange kRange{50.0 / 31, std::numeric_limits<double>::infinity()};
 
 struct Figures {
   double median = 0, share = 0;  // relative; pixels with an answer
@@ -60,7 +60,7 @@ Figures error_of(const DepthMap& map, const Eigen::Vector3d& plane, int border) 
   std::vector<double> errors;
   int count = 0;
   for (int v = border; v < kHeight - border; ++v)
-    for (int u = border + 24; u < kWidth - border; ++u, ++count) {
+    for (int u = border + kPlanes; u < kWidth - border; ++u, ++count) {
       const double truth = plane.x() + plane.y() * u + plane.z() * v, w = static_cast<double>(map.inverse_depth.at(u, v));
       if (w > 0) errors.push_back(std::abs(w - truth) / truth);
     }
