@@ -8,7 +8,7 @@
 namespace iclk {
 
 /// The sizes for which a DepthSweep allocates its memory, once: about 9 width height planes bytes for the volumes and
-/// 16 width height (views + 1) besides.
+/// about 30 width height (views + 1) besides.
 struct DepthPlan {
   int width = 0, height = 0;  ///< pixels of every image
   int planes = 128;           ///< of inverse depth, a multiple of 16, 16 to 256
@@ -25,7 +25,7 @@ struct DepthOptions {
   double edge = 3;           ///< p2 falls by so much a grey level (of 255) of difference, to p1 + 1 at least
   double uniqueness = 0.01;  ///< share by which the second best plane, not beside the best, must be worse
   double tolerance = 3;      ///< planes by which views may disagree with the reference
-  bool keep_unseen = false;  ///< what lies outside every view keeps the plane that its neighbours suggest
+  bool keep_unseen = false;  ///< what lies outside every view keeps the plane that its neighbours suggest, confidence 0
   int iterations = 2;        ///< of the refinement between planes; 0: none
   int speckle = 100;         ///< connected pixels of fewer are dropped; 0: none
   double speckle_step = 1;   ///< planes between connected neighbours, at most

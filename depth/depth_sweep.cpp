@@ -19,6 +19,7 @@
 #include "median.comp.spv.h"
 #include "path.comp.spv.h"
 #include "polish.comp.spv.h"
+#include "smooth.comp.spv.h"
 #include "winner.comp.spv.h"
 
 namespace iclk {
@@ -53,12 +54,11 @@ struct Buffers {
     claims = memory.add("claims", 4 * area * (images - 1), MemoryKind::device, BufferUse::storage);
     raw_planes = memory.add("raw planes", 4 * area, MemoryKind::device, texels, real);
     planes = memory.add("planes", 4 * area, MemoryKind::device, texels, real);
-    inverse = memory.add("inverse depth", 4 * area, MemoryKind::device, BufferUse::storage);
     read_winners = memory.add("winners to read", 8 * area, MemoryKind::readback, BufferUse::transfer);
-    read_inverse = memory.add("inverse depth to read", 4 * area, MemoryKind::readback, BufferUse::transfer);
+    read_planes = memory.add("planes to read", 4 * area, MemoryKind::readback, BufferUse::transfer);
   }
-  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], corners, winners, claims, raw_planes, planes, inverse,
-      read_winners, read_inverse;
+  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], corners, winners, claims, raw_planes, planes,
+      read_winners, read_planes;
 };
 
 /// The row of K_1 [R K_0^-1 | t] that gives one coordinate of view pixels.
@@ -101,10 +101,13 @@ struct DepthSweep::Impl {
     batch.add(corners, {"corners", corners_comp_spv, {texel_read, storage_write}, push, {kGroup}});
     batch.add(polish,
               {"polish", polish_comp_spv, {texel_read, texel_read, uniform, storage_write, texel_read}, push, {kGroup}});
+    batch.add(smooth, {"smooth", smooth_comp_spv, {texel_read, storage_write}, push, {kGroup}});
     batch.make();
     engine::ArenaSize size;
     size.add(path, ICLK_DEPTH_PATHS);
-    for (const engine::Kernel* kernel : {&census, &cost, &winner, &consistent, &median, &corners, &polish}) size.add(*kernel);
+    size.add(polish, 2);
+    size.add(smooth, 2);
+    for (const engine::Kernel* kernel : {&census, &cost, &winner, &consistent, &median, &corners, &smooth}) size.add(*kernel);
     arena = std::make_unique<engine::DescriptorArena>(context, size);
   }
 
@@ -181,11 +184,18 @@ struct DepthSweep::Impl {
     recorder.dispatch(median, {&m[ids.raw_planes], &m[ids.planes]}, push, all);
     recorder.stage("polish");
     recorder.dispatch(corners, {&m[ids.grey], &m[ids.corners]}, push, {all.x, 1, push.views});
-    recorder.dispatch(polish, {&m[ids.grey], &m[ids.planes], &m[ids.views], &m[ids.inverse], &m[ids.corners]}, push, all);
+    BufferId from = ids.planes, to = ids.raw_planes;
+    for (int i = 0; i < options.iterations; ++i, std::swap(from, to))
+      recorder.dispatch(polish, {&m[ids.grey], &m[from], &m[ids.views], &m[to], &m[ids.corners]}, push, all);
+    if (options.iterations > 0) {
+      recorder.stage("smooth");
+      recorder.dispatch(smooth, {&m[from], &m[to]}, push, all);
+      std::swap(from, to);
+    }
     recorder.stage("download");
     recorder.copy(m[ids.winners], m[ids.read_winners], 8 * area());
-    recorder.copy(m[ids.inverse], m[ids.read_inverse], 4 * area());
-    recorder.host_read({&m[ids.read_winners], &m[ids.read_inverse]});
+    recorder.copy(m[from], m[ids.read_planes], 4 * area());
+    recorder.host_read({&m[ids.read_winners], &m[ids.read_planes]});
     recorder.finish();
   }
 
@@ -220,7 +230,8 @@ struct DepthSweep::Impl {
     timer.collect();
 
     DepthMap map{Map(plan.width, plan.height), Map(plan.width, plan.height)};
-    std::memcpy(map.inverse_depth.data.data(), memory[ids.read_inverse].mapped, 4 * area());
+    const float* planes = memory[ids.read_planes].as<float>();
+    for (size_t i = 0; i < area(); ++i) map.inverse_depth.data[i] = planes[i] >= 0 ? push.first + push.step * planes[i] : 0.0f;
     const float step = static_cast<float>(options.speckle_step) * push.step;
     if (options.speckle > 0) internal::drop_speckles(map.inverse_depth.data, plan.width, options.speckle, step);
     const float* winners = memory[ids.read_winners].as<float>();
@@ -263,7 +274,7 @@ struct DepthSweep::Impl {
   Buffers ids;
   engine::Workspace memory;
   uint32_t quads;
-  engine::Kernel census, cost, path, winner, consistent, median, corners, polish;
+  engine::Kernel census, cost, path, winner, consistent, median, corners, polish, smooth;
   std::unique_ptr<engine::DescriptorArena> arena;
   engine::Submission submission;
   engine::StageTimer timer;
@@ -299,6 +310,5 @@ std::vector<uint8_t> DepthSweep::path(int index) const {
 std::vector<uint32_t> DepthSweep::census() const {
   return impl_->read<uint32_t>(impl_->ids.census, 4 * impl_->area() * (static_cast<size_t>(impl_->plan.views) + 1));
 }
-std::vector<float> DepthSweep::planes() const { return impl_->read<float>(impl_->ids.planes, 4 * impl_->area()); }
 
 }  // namespace iclk

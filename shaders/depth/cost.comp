@@ -1,6 +1,6 @@
 #version 460
-// Matching cost of every pixel and plane: Hamming distance of census signatures, of several views the mean of the better half,
-// so that who is hidden in some is judged by the others. A prior adds its own cost.
+// Matching cost of every pixel and plane: Hamming distance of census signatures, of several views that see it the mean of the
+// better half, so that who is hidden in some is judged by the others. A prior adds its own cost.
 // Groups: (ceil(width height / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
@@ -19,18 +19,16 @@ layout(push_constant) uniform Push { DepthPush push; };
 uint distance_to(uint own, int pixel) { return uint(bitCount(own ^ WORD(census, pixel))); }
 
 // Of four planes in a view.
-uvec4 distances(uint own, int base, vec3 h, vec3 e, vec4 w) {
-  bvec4 inside;
+uvec4 distances(uint own, int base, vec3 h, vec3 e, vec4 w, out bvec4 inside) {
   ivec4 at = base + pixels_in(h, e, w, inside);
-  uvec4 c = uvec4(distance_to(own, at.x), distance_to(own, at.y), distance_to(own, at.z), distance_to(own, at.w));
-  return mix(uvec4(ICLK_DEPTH_OUTSIDE), c, inside);
+  return uvec4(distance_to(own, at.x), distance_to(own, at.y), distance_to(own, at.z), distance_to(own, at.w));
 }
 
 void main() {
   uint k = gl_GlobalInvocationID.x, area = push.width * push.height;
   if (k >= area) return;
   vec2 uv = vec2(k % push.width, k / push.width);
-  uint own = WORD(census, int(k)), half_of_views = (push.views + 1u) / 2u;
+  uint own = WORD(census, int(k));
   float prior = TEXEL(priors, int(k)).x;
   // Out of the loop, since a uniform block costs lavapipe more than the arithmetic.
   vec3 h[VIEWS], e[VIEWS];
@@ -41,25 +39,30 @@ void main() {
       vec4 planes = vec4(16u * quad + 4u * i) + vec4(0, 1, 2, 3);
       precise vec4 w = push.first + push.step * planes;
       uvec4 sum;
+      bvec4 seen;
       if (VIEWS == 1u) {
-        sum = distances(own, int(area), h[0], e[0], w);
+        sum = distances(own, int(area), h[0], e[0], w, seen);
       } else {
         uvec4 b0 = uvec4(255u), b1 = b0, b2 = b0, b3 = b0;  // the four least, in order
+        uvec4 count = uvec4(0u);
         for (uint view = 0u; view < VIEWS; ++view) {
           if (view >= push.views) break;
-          uvec4 c = distances(own, int((view + 1u) * area), h[view], e[view], w);
+          bvec4 inside;
+          uvec4 c = distances(own, int((view + 1u) * area), h[view], e[view], w, inside);
+          c = mix(uvec4(255u), c, inside);
+          count += uvec4(inside);
           uvec4 more = max(b0, c);
           b0 = min(b0, c);
           c = max(b1, more), b1 = min(b1, more);
           more = max(b2, c), b2 = min(b2, c);
           b3 = min(b3, more);
         }
-        sum = b0;
-        if (half_of_views > 1u) sum += b1;
-        if (half_of_views > 2u) sum += b2;
-        if (half_of_views > 3u) sum += b3;
-        sum /= half_of_views;
+        seen = greaterThan(count, uvec4(0u));
+        sum = b0 + mix(uvec4(0u), b1, greaterThan(count, uvec4(2u))) + mix(uvec4(0u), b2, greaterThan(count, uvec4(4u))) +
+              mix(uvec4(0u), b3, greaterThan(count, uvec4(6u)));
+        sum = uvec4(vec4(sum) / vec4(max(count + 1u, 2u) / 2u));
       }
+      sum = mix(uvec4(ICLK_DEPTH_OUTSIDE), sum, seen);
       if (prior >= 0.0) {
         vec4 away = min(ICLK_DEPTH_PRIOR_SLOPE * abs(planes - prior), float(ICLK_CENSUS_BITS));
         sum = (sum + 3u * uvec4(away)) / 4u;

@@ -63,12 +63,15 @@ void main() {
     if (bend > 0.0) position += 0.5 * (float(below) - float(above)) / bend;
   }
   float confidence = float(second - least) / float(max(second, 1u));
-  winners[k] = vec2(confidence >= push.uniqueness ? position : -1.0, confidence);
+  bool unique = confidence >= push.uniqueness, seen = false;
 
   vec2 uv = vec2(k % push.width, k / push.width);
   precise float w = push.first + push.step * float(best);
   for (uint view = 0u; view < push.views; ++view) {
     int pixel = pixel_in(ray_in(view, uv), epipole_of(view), w);
-    if (pixel >= 0) atomicMin(claims[view * area + uint(pixel)], least << 16 | best);
+    if (pixel < 0) continue;
+    seen = true;
+    atomicMin(claims[view * area + uint(pixel)], least << 16 | best);
   }
+  winners[k] = vec2(unique ? position : -1.0, seen ? confidence : 0.0);
 }
