@@ -22,12 +22,12 @@ constexpr int kMostRounds = 60000;
 void DepthPlan::check() const {
   check_range("depth: width", width, 16, 16384);
   check_range("depth: height", height, 16, 16384);
-  check_range("depth: planes", planes, 8, ICLK_DEPTH_PLANES);
+  check_range("depth: planes", planes, ICLK_DEPTH_QUAD, ICLK_DEPTH_PLANES);
   check_range("depth: views", views, 1, ICLK_DEPTH_VIEWS);
-  if (planes % 4 != 0) fail(std::to_string(planes) + " planes: must be a multiple of 4");
-  if (std::max(width, height) * (planes / 4) > kMostRounds)
+  if (planes % ICLK_DEPTH_QUAD != 0) fail(std::to_string(planes) + " planes: must be a multiple of " + std::to_string(ICLK_DEPTH_QUAD));
+  if (std::max(width, height) * (planes / ICLK_DEPTH_QUAD) > kMostRounds)
     fail("images of " + std::to_string(width) + "x" + std::to_string(height) + " take " +
-         std::to_string(kMostRounds / std::max(width, height) * 4) + " planes at most, not " + std::to_string(planes) +
+         std::to_string(kMostRounds / std::max(width, height) * ICLK_DEPTH_QUAD) + " planes at most, not " + std::to_string(planes) +
          "; use fewer, or smaller images");
 }
 
@@ -65,8 +65,8 @@ int planes_for(const Camera& reference, std::span<const Camera> cameras, std::sp
           if (cameras[view].contains(from) && cameras[view].contains(to)) most = std::max(most, (to - from).norm() * kSteps);
         }
       }
-  const double wanted = std::clamp(std::ceil(most / pixels) + 1, 8.0, double{ICLK_DEPTH_PLANES});
-  return (static_cast<int>(wanted) + 3) / 4 * 4;
+  const double wanted = std::clamp(std::ceil(most / pixels) + 1, 1.0, double{ICLK_DEPTH_PLANES});
+  return (static_cast<int>(wanted) + ICLK_DEPTH_QUAD - 1) / ICLK_DEPTH_QUAD * ICLK_DEPTH_QUAD;
 }
 
 DepthRange range_of(std::span<const double> inverse_depths, double margin) {

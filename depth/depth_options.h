@@ -8,13 +8,13 @@
 namespace iclk {
 
 /// The sizes for which a DepthSweep allocates its memory, once: about 9 width height planes bytes for the volumes and
-/// 16 width height (views + 1) besides.
+/// about 30 width height (views + 1) besides.
 struct DepthPlan {
   int width = 0, height = 0;  ///< pixels of every image
-  int planes = 128;           ///< of inverse depth, a multiple of 4, 8 to 256
+  int planes = 128;           ///< of inverse depth, a multiple of 16, 16 to 256
   int views = 1;              ///< beside the reference, at most; 1 to 8
 
-  /// Throws Error(invalid_argument) that names the value and its range: also where the longer side times planes / 4 is more
+  /// Throws Error(invalid_argument) that names the value and its range: also where the longer side times planes / 16 is more
   /// than 60,000, which is what an invocation of Mesa 22.3 can go round.
   void check() const;
 };
@@ -25,7 +25,7 @@ struct DepthOptions {
   double edge = 3;           ///< p2 falls by so much a grey level (of 255) of difference, to p1 + 1 at least
   double uniqueness = 0.01;  ///< share by which the second best plane, not beside the best, must be worse
   double tolerance = 3;      ///< planes by which views may disagree with the reference
-  bool keep_unseen = false;  ///< what lies outside every view keeps the plane that its neighbours suggest
+  bool keep_unseen = false;  ///< what lies outside every view keeps the plane that its neighbours suggest, confidence 0
   int iterations = 2;        ///< of the refinement between planes; 0: none
   int speckle = 100;         ///< connected pixels of fewer are dropped; 0: none
   double speckle_step = 1;   ///< planes between connected neighbours, at most
@@ -43,7 +43,7 @@ struct DepthRange {
 };
 
 /// Planes with which no pixel of the reference moves by more than about `pixels` in any view from a plane to the next, rounded
-/// up to a multiple of 4, at least 8, and at most 256. Preconditions: cameras and range pass check().
+/// up to a multiple of 16, at most 256. Preconditions: cameras and range pass check().
 int planes_for(const Camera& reference, std::span<const Camera> cameras, std::span<const SE3> T_10, const DepthRange& range,
                double pixels = 0.7);
 

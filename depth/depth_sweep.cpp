@@ -14,10 +14,12 @@
 
 #include "census.comp.spv.h"
 #include "consistent.comp.spv.h"
+#include "corners.comp.spv.h"
 #include "cost.comp.spv.h"
 #include "median.comp.spv.h"
 #include "path.comp.spv.h"
 #include "polish.comp.spv.h"
+#include "smooth.comp.spv.h"
 #include "winner.comp.spv.h"
 
 namespace iclk {
@@ -40,23 +42,23 @@ struct Buffers {
     const auto area = static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height);
     const auto images = static_cast<uint64_t>(p.views) + 1, bytes = area * static_cast<uint64_t>(p.planes);
     const auto texels = BufferUse::storage | BufferUse::texel;
-    constexpr VkFormat real = VK_FORMAT_R32_SFLOAT, word = VK_FORMAT_R32_UINT;
+    constexpr VkFormat real = VK_FORMAT_R32_SFLOAT, word = VK_FORMAT_R32_UINT, quad = VK_FORMAT_R32G32B32A32_UINT;
     views = memory.add("depth views", sizeof(shaders::DepthViews), MemoryKind::table, BufferUse::uniform);
     grey = memory.add("depth images", 4 * area * images, MemoryKind::table, texels, real);
     priors = memory.add("depth priors", 4 * area, MemoryKind::table, texels, real);
     census = memory.add("census", 4 * area * images, MemoryKind::device, texels, word);
-    costs = memory.add("costs", bytes, MemoryKind::device, texels, word);
-    for (BufferId& path : paths) path = memory.add("path costs", bytes, MemoryKind::device, texels, word);
+    costs = memory.add("costs", bytes, MemoryKind::device, texels, quad);
+    for (BufferId& path : paths) path = memory.add("path costs", bytes, MemoryKind::device, texels, quad);
+    corners = memory.add("corners", 16 * area * (images - 1), MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
     winners = memory.add("winners", 8 * area, MemoryKind::device, BufferUse::storage);
     claims = memory.add("claims", 4 * area * (images - 1), MemoryKind::device, BufferUse::storage);
     raw_planes = memory.add("raw planes", 4 * area, MemoryKind::device, texels, real);
     planes = memory.add("planes", 4 * area, MemoryKind::device, texels, real);
-    inverse = memory.add("inverse depth", 4 * area, MemoryKind::device, BufferUse::storage);
     read_winners = memory.add("winners to read", 8 * area, MemoryKind::readback, BufferUse::transfer);
-    read_inverse = memory.add("inverse depth to read", 4 * area, MemoryKind::readback, BufferUse::transfer);
+    read_planes = memory.add("planes to read", 4 * area, MemoryKind::readback, BufferUse::transfer);
   }
-  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], winners, claims, raw_planes, planes, inverse,
-      read_winners, read_inverse;
+  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], corners, winners, claims, raw_planes, planes,
+      read_winners, read_planes;
 };
 
 /// The row of K_1 [R K_0^-1 | t] that gives one coordinate of view pixels.
@@ -80,26 +82,32 @@ struct DepthSweep::Impl {
         options((o.check(), o)),
         ids(plan, layout),
         memory(context, layout),
-        words(static_cast<uint32_t>(plan.planes) / 4),
+        quads(static_cast<uint32_t>(plan.planes) / ICLK_DEPTH_QUAD),
         submission(context),
         timer(context, 64) {
     using enum engine::BindingKind;
     constexpr uint32_t push = sizeof(shaders::DepthPush);
+    const auto views = static_cast<uint32_t>(plan.views);
     engine::KernelBatch batch(context);
     batch.add(census, {"census", census_comp_spv, {texel_read, storage_write}, push, {kGroup}});
-    batch.add(cost, {"cost", cost_comp_spv, {texel_read, texel_read, uniform, storage_write}, push, {kGroup}});
-    batch.add(path, {"path", path_comp_spv, {texel_read, texel_read, storage_write}, push, {kPathGroup, words}});
+    batch.add(cost, {"cost", cost_comp_spv, {texel_read, texel_read, uniform, storage_write}, push, {kGroup, quads, views}});
+    batch.add(path, {"path", path_comp_spv, {texel_read, texel_read, storage_write}, push, {kPathGroup, quads}});
     std::vector<engine::BindingKind> sums(ICLK_DEPTH_PATHS, texel_read);
     sums.insert(sums.end(), {uniform, storage_write, storage_read_write});
-    batch.add(winner, {"winner", winner_comp_spv, sums, push, {kGroup, words}});
+    batch.add(winner, {"winner", winner_comp_spv, sums, push, {kGroup, quads}});
     batch.add(consistent,
               {"consistent", consistent_comp_spv, {storage_read, storage_read, uniform, storage_write}, push, {kGroup}});
     batch.add(median, {"median", median_comp_spv, {texel_read, storage_write}, push, {kGroup}});
-    batch.add(polish, {"polish", polish_comp_spv, {texel_read, texel_read, uniform, storage_write}, push, {kGroup}});
+    batch.add(corners, {"corners", corners_comp_spv, {texel_read, storage_write}, push, {kGroup}});
+    batch.add(polish,
+              {"polish", polish_comp_spv, {texel_read, texel_read, uniform, storage_write, texel_read}, push, {kGroup}});
+    batch.add(smooth, {"smooth", smooth_comp_spv, {texel_read, storage_write}, push, {kGroup}});
     batch.make();
     engine::ArenaSize size;
     size.add(path, ICLK_DEPTH_PATHS);
-    for (const engine::Kernel* kernel : {&census, &cost, &winner, &consistent, &median, &polish}) size.add(*kernel);
+    size.add(polish, 2);
+    size.add(smooth, 2);
+    for (const engine::Kernel* kernel : {&census, &cost, &winner, &consistent, &median, &corners, &smooth}) size.add(*kernel);
     arena = std::make_unique<engine::DescriptorArena>(context, size);
   }
 
@@ -175,11 +183,19 @@ struct DepthSweep::Impl {
     recorder.stage("median");
     recorder.dispatch(median, {&m[ids.raw_planes], &m[ids.planes]}, push, all);
     recorder.stage("polish");
-    recorder.dispatch(polish, {&m[ids.grey], &m[ids.planes], &m[ids.views], &m[ids.inverse]}, push, all);
+    recorder.dispatch(corners, {&m[ids.grey], &m[ids.corners]}, push, {all.x, 1, push.views});
+    BufferId from = ids.planes, to = ids.raw_planes;
+    for (int i = 0; i < options.iterations; ++i, std::swap(from, to))
+      recorder.dispatch(polish, {&m[ids.grey], &m[from], &m[ids.views], &m[to], &m[ids.corners]}, push, all);
+    if (options.iterations > 0) {
+      recorder.stage("smooth");
+      recorder.dispatch(smooth, {&m[from], &m[to]}, push, all);
+      std::swap(from, to);
+    }
     recorder.stage("download");
     recorder.copy(m[ids.winners], m[ids.read_winners], 8 * area());
-    recorder.copy(m[ids.inverse], m[ids.read_inverse], 4 * area());
-    recorder.host_read({&m[ids.read_winners], &m[ids.read_inverse]});
+    recorder.copy(m[from], m[ids.read_planes], 4 * area());
+    recorder.host_read({&m[ids.read_winners], &m[ids.read_planes]});
     recorder.finish();
   }
 
@@ -189,7 +205,7 @@ struct DepthSweep::Impl {
     range.check();
     shaders::DepthPush push{};
     push.width = static_cast<uint32_t>(plan.width), push.height = static_cast<uint32_t>(plan.height);
-    push.words = words, push.views = static_cast<uint32_t>(sources.size());
+    push.views = static_cast<uint32_t>(sources.size());
     push.first = static_cast<float>(1 / range.far);
     push.step = static_cast<float>((1 / range.near - 1 / range.far) / (plan.planes - 1));
     if (!(push.step > 0) || !std::isfinite(push.step))
@@ -214,7 +230,8 @@ struct DepthSweep::Impl {
     timer.collect();
 
     DepthMap map{Map(plan.width, plan.height), Map(plan.width, plan.height)};
-    std::memcpy(map.inverse_depth.data.data(), memory[ids.read_inverse].mapped, 4 * area());
+    const float* planes = memory[ids.read_planes].as<float>();
+    for (size_t i = 0; i < area(); ++i) map.inverse_depth.data[i] = planes[i] >= 0 ? push.first + push.step * planes[i] : 0.0f;
     const float step = static_cast<float>(options.speckle_step) * push.step;
     if (options.speckle > 0) internal::drop_speckles(map.inverse_depth.data, plan.width, options.speckle, step);
     const float* winners = memory[ids.read_winners].as<float>();
@@ -256,8 +273,8 @@ struct DepthSweep::Impl {
   engine::MemoryPlan layout;
   Buffers ids;
   engine::Workspace memory;
-  uint32_t words;
-  engine::Kernel census, cost, path, winner, consistent, median, polish;
+  uint32_t quads;
+  engine::Kernel census, cost, path, winner, consistent, median, corners, polish, smooth;
   std::unique_ptr<engine::DescriptorArena> arena;
   engine::Submission submission;
   engine::StageTimer timer;
@@ -293,6 +310,5 @@ std::vector<uint8_t> DepthSweep::path(int index) const {
 std::vector<uint32_t> DepthSweep::census() const {
   return impl_->read<uint32_t>(impl_->ids.census, 4 * impl_->area() * (static_cast<size_t>(impl_->plan.views) + 1));
 }
-std::vector<float> DepthSweep::planes() const { return impl_->read<float>(impl_->ids.planes, 4 * impl_->area()); }
 
 }  // namespace iclk

@@ -25,7 +25,7 @@ struct DepthSource {
 /// Of the reference's pixels.
 struct DepthMap {
   Map inverse_depth;  ///< 1/m; 0: none
-  Map confidence;     ///< share by which the second best plane is worse, 0 to 1; 0 where there is no inverse depth
+  Map confidence;     ///< share by which the second best plane is worse, 0 to 1; 0 without inverse depth, and outside all views
   double valid = 0;   ///< share of pixels that have an inverse depth
 };
 
@@ -61,11 +61,10 @@ class DepthSweep {
   const std::vector<engine::StageTime>& times() const;
 
   /// What the stages left of the last compute(), for tests: costs or the sums of a path (a byte a plane), signatures of the
-  /// census (reference first), planes before the refinement (-1: none).
+  /// census (reference first).
   std::vector<uint8_t> volume() const;
   std::vector<uint8_t> path(int index) const;
   std::vector<uint32_t> census() const;
-  std::vector<float> planes() const;
 
  private:
   struct Impl;

@@ -46,6 +46,8 @@ nlohmann::ordered_json to_json(const DepthFigures& f) {
           {"bad_2_of_answers", f.bad_2_of_answers},
           {"median_relative_error", f.median_error},
           {"completeness", f.completeness},
+          {"seen", f.seen},
+          {"completeness_of_seen", f.seen_answered},
           {"known", f.known}};
 }
 
@@ -88,7 +90,7 @@ void run_depth(const DepthCommand& command) {
                   plan.height, plan.views, plan.planes, input.range.near, input.range.far, 100 * map.valid);
   text += fmt::format("time       {:.0f} ms, {:.2f} CPU-s on {}\n", 1000 * wall, cpu, context->info().name);
   const auto judge = [&](const cv::Mat& answer) {
-    return depth_figures(answer, truth, input.camera, input.cameras[0], input.T_10[0]);
+    return depth_figures(answer, truth, input.camera, input.cameras, input.T_10);
   };
   if (!truth.empty()) {
     const DepthFigures figures = judge(depth);
@@ -163,7 +165,7 @@ void add_depth(CLI::App& app) {
   command->option_defaults()->group("Matching");
   command
       ->add_option("--planes", options->planes,
-                   "Planes of inverse depth, a multiple of 4; 0: one a pixel of motion, 256 at most")
+                   "Planes of inverse depth, a multiple of 16; 0: one a pixel of motion, 256 at most")
       ->capture_default_str();
   command->add_option("--p1", sweep.p1, "Penalty where neighbours differ by a plane")->capture_default_str();
   command->add_option("--p2", sweep.p2, "Penalty where they differ by more")->capture_default_str();
@@ -175,7 +177,7 @@ void add_depth(CLI::App& app) {
   command->add_option("--device", options->device,
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->add_flag("--keep-unseen", sweep.keep_unseen,
-                    "Keep the planes of pixels that lie outside every target, as neighbours suggest");
+                    "Keep pixels that lie outside every target, as their neighbours suggest, with confidence 0");
   command->add_flag("--fill", options->fill,
                     "Give pixels without an answer the depth of what lies behind around them; the peers too");
   command->option_defaults()->group("Output");

@@ -1,7 +1,7 @@
 // Layouts of the dense depth sweep, declared once for GLSL and C++.
 //
-// A volume holds a byte for every pixel and plane, four planes a word, the planes of a pixel side by side. Planes are uniform
-// in inverse depth: w = first + step * plane.
+// A volume holds a byte for every pixel and plane, sixteen planes a texel, the planes of a pixel side by side. Planes are
+// uniform in inverse depth: w = first + step * plane.
 #ifndef ICLK_SHADERS_DEPTH_H
 #define ICLK_SHADERS_DEPTH_H
 
@@ -16,13 +16,16 @@ using vec4 = std::array<float, 4>;
 #define ICLK_DEPTH_VIEWS 8
 #define ICLK_DEPTH_PATHS 8
 #define ICLK_DEPTH_PLANES 256
+// Planes of a texel.
+#define ICLK_DEPTH_QUAD 16
 
 // Centre-symmetric census over 9x7: a bit a pair of pixels, the largest cost.
 #define ICLK_CENSUS_RADIUS_U 4
 #define ICLK_CENSUS_RADIUS_V 3
 #define ICLK_CENSUS_BITS 31u
-// Cost where a plane lies outside a view: that of a chance match, so that neighbours decide.
-#define ICLK_DEPTH_OUTSIDE 16u
+// Cost where a plane lies outside every view, half of a chance match's: above what a true match costs, below the best of many
+// chance matches, so that neighbours decide.
+#define ICLK_DEPTH_OUTSIDE 8u
 // A plane so far from a prior costs as much as the worst match.
 #define ICLK_DEPTH_PRIOR_SLOPE 4.0
 
@@ -42,7 +45,6 @@ struct DepthViews {
 
 struct DepthPush {
   uint width, height;  // of every image
-  uint words;          // planes / 4
   uint views;
   float first, step;  // inverse depth of plane 0 and between planes
   int du, dv;         // path.comp: the way of the path; dv is 0 or points where lines are walked to

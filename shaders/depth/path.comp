@@ -8,15 +8,28 @@
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
 layout(local_size_x_id = 0) in;
-layout(constant_id = 1) const uint WORDS = 32;
+layout(constant_id = 1) const uint QUADS = 8;
 #include "depth/words.glsl"
 #include "texels.glsl"
-WORDS_OF(0, costs)
+QUADS_OF(0, costs)
 TEXELS(1, float, grey)
-layout(set = 0, binding = 2, std430) writeonly buffer Path { uint path[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Path { uvec4 path[]; };
 layout(push_constant) uniform Push { DepthPush push; };
 
 uint least(uvec4 v) { return min(min(v.x, v.y), min(v.z, v.w)); }
+
+// Of the pixel before, less its least cost: the planes below the four at hand, these four.
+uvec4 last, own;
+uvec4 lowest_four;
+
+uint step_on(uint costs_here, uint next_word, uint p2) {
+  uvec4 next = unpack(next_word), c = unpack(costs_here);
+  uvec4 beside = min(uvec4(last.w, own.xyz), uvec4(own.yzw, next.x)) + push.p1;
+  c += min(min(own, beside), uvec4(p2));
+  last = own, own = next;
+  lowest_four = min(lowest_four, c);
+  return pack(c);
+}
 
 void main() {
   uint line = gl_GlobalInvocationID.x;
@@ -24,7 +37,8 @@ void main() {
   int width = int(push.width), height = int(push.height), length = level ? width : height;
   if (line >= (level ? push.height : push.width)) return;
   ivec2 at = level ? ivec2(push.du > 0 ? 0 : width - 1, line) : ivec2(line, push.dv > 0 ? 0 : height - 1);
-  uint previous[WORDS];
+  uvec4 previous[QUADS];
+  for (uint quad = 0u; quad < QUADS; ++quad) previous[quad] = uvec4(0);
   uint lowest = 0u;
   float before = 0.0;
   bool begin = true;
@@ -32,26 +46,22 @@ void main() {
     int pixel = at.y * width + at.x;
     float now = 255.0 * clamp(TEXEL(grey, pixel).x, 0.0, 1.0);
     uint loss = uint(push.edge * abs(now - before));
-    uint p2 = max(push.p1 + 1u, push.p2 - min(loss, push.p2));
+    uint p2 = begin ? 0u : max(push.p1 + 1u, push.p2 - min(loss, push.p2));
     before = now;
-    uint next_lowest = 255u, ceiling = lowest + p2;
-    uint first = uint(pixel) * WORDS;
-    uvec4 last = uvec4(255u), own = begin ? uvec4(0u) : unpack(previous[0]);
-    for (uint word = 0u; word < WORDS; ++word) {
-      uvec4 next = word + 1u < WORDS ? unpack(previous[min(word + 1u, WORDS - 1u)]) : uvec4(255u);
-      uvec4 c = unpack(WORD(costs, int(first + word)));
-      if (!begin) {
-        uvec4 beside = min(uvec4(last.w, own.xyz), uvec4(own.yzw, next.x)) + push.p1;
-        c += min(min(own, beside), uvec4(ceiling)) - lowest;
-      }
-      last = own;
-      own = next;
-      uint packed = pack(c);
-      previous[word] = packed;
-      path[first + word] = packed;
-      next_lowest = min(next_lowest, least(c));
+    uint four_lowest = lowest * 0x01010101u;  // no byte of what it is taken from is less
+    uint first = uint(pixel) * QUADS;
+    last = uvec4(255u), own = unpack(previous[0].x - four_lowest), lowest_four = uvec4(255u);
+    for (uint quad = 0u; quad < QUADS; ++quad) {
+      uvec4 C = QUAD(costs, int(first + quad)), old = previous[quad] - four_lowest, L;
+      uint beyond = quad + 1u < QUADS ? previous[min(quad + 1u, QUADS - 1u)].x - four_lowest : 0xffffffffu;
+      L.x = step_on(C.x, old.y, p2);
+      L.y = step_on(C.y, old.z, p2);
+      L.z = step_on(C.z, old.w, p2);
+      L.w = step_on(C.w, beyond, p2);
+      previous[quad] = L;
+      path[first + quad] = L;
     }
-    lowest = next_lowest;
+    lowest = least(lowest_four);
     begin = false;
     at += ivec2(push.du, push.dv);
     if (!level && (at.x < 0 || at.x >= width)) {

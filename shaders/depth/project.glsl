@@ -9,11 +9,24 @@ vec3 ray_in(uint view, vec2 uv) {
 
 vec3 epipole_of(uint view) { return vec3(views.view[view].row_u.w, views.view[view].row_v.w, views.view[view].row_z.w); }
 
-// The pixel's number in the view, nearest; -1 outside and behind.
+// How far h moves a pixel to the right, and a pixel down.
+vec3 ray_right(uint view) { return vec3(views.view[view].row_u.x, views.view[view].row_v.x, views.view[view].row_z.x); }
+vec3 ray_down(uint view) { return vec3(views.view[view].row_u.y, views.view[view].row_v.y, views.view[view].row_z.y); }
+
+// The pixels' numbers in the view, nearest; where not `inside` (outside or behind) 0.
+ivec4 pixels_in(vec3 h, vec3 e, vec4 w, out bvec4 inside) {
+  precise vec4 x = h.x + e.x * w, y = h.y + e.y * w, z = h.z + e.z * w;
+  precise vec4 u = x / z + 0.5, v = y / z + 0.5;
+  float width = float(push.width), height = float(push.height);
+  uvec4 seen = uvec4(greaterThan(z, vec4(0))) & uvec4(greaterThanEqual(u, vec4(0))) & uvec4(greaterThanEqual(v, vec4(0))) &
+               uvec4(lessThan(u, vec4(width))) & uvec4(lessThan(v, vec4(height)));
+  inside = bvec4(seen);
+  return mix(ivec4(0), ivec4(v) * int(push.width) + ivec4(u), inside);
+}
+
+// One of them; -1 where not inside.
 int pixel_in(vec3 h, vec3 e, float w) {
-  precise vec3 x = h + e * w;
-  if (!(x.z > 0.0)) return -1;
-  precise vec2 uv = x.xy / x.z + 0.5;
-  if (!(uv.x >= 0.0 && uv.y >= 0.0 && uv.x < float(push.width) && uv.y < float(push.height))) return -1;
-  return int(uv.y) * int(push.width) + int(uv.x);
+  bvec4 inside;
+  int pixel = pixels_in(h, e, vec4(w), inside).x;
+  return inside.x ? pixel : -1;
 }

@@ -15,7 +15,7 @@
 namespace iclk::test {
 namespace {
 
-constexpr int kWidth = 120, kHeight = 80, kPlanes = 24;
+constexpr int kWidth = 120, kHeight = 80, kPlanes = 32;
 const Camera kCamera{100, 100, 59.5, 39.5, kWidth, kHeight};
 
 /// A texture without repetition, smooth enough to be interpolated.
@@ -49,9 +49,9 @@ Map seen(const Eigen::Vector3d& plane, const Eigen::Vector3d& t) {
 ImageView view(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
 SE3 moved(const Eigen::Vector3d& t) { return {Eigen::Matrix3d::Identity(), t}; }
 
-/// Disparity of a whole pixel a plane: baseline 0.5 m, planes from 0 to 23 px.
+/// Disparity of a whole pixel a plane: baseline 0.5 m, planes from 0 to 31 px.
 const Eigen::Vector3d kLeft(-0.5, 0, 0);
-const DepthRange kRange{50.0 / 23, std::numeric_limits<double>::infinity()};
+const DepthRange kRange{50.0 / 31, std::numeric_limits<double>::infinity()};
 
 struct Figures {
   double median = 0, share = 0;  // relative; pixels with an answer
@@ -60,7 +60,7 @@ Figures error_of(const DepthMap& map, const Eigen::Vector3d& plane, int border) 
   std::vector<double> errors;
   int count = 0;
   for (int v = border; v < kHeight - border; ++v)
-    for (int u = border + 24; u < kWidth - border; ++u, ++count) {
+    for (int u = border + kPlanes; u < kWidth - border; ++u, ++count) {
       const double truth = plane.x() + plane.y() * u + plane.z() * v, w = static_cast<double>(map.inverse_depth.at(u, v));
       if (w > 0) errors.push_back(std::abs(w - truth) / truth);
     }
@@ -95,7 +95,7 @@ TEST(DepthSweep, PlanesOfKnownInverseDepth) {
     const Map a = seen(plane, Eigen::Vector3d::Zero()), b = seen(plane, kLeft);
     const DepthSource source{view(b), kCamera, moved(kLeft)};
     const Figures e = error_of(sweep.compute(view(a), kCamera, std::span(&source, 1), kRange), plane, 6);
-    EXPECT_LT(e.median, 0.003) << plane.transpose();  // 0.05 px
+    EXPECT_LT(e.median, 0.001) << plane.transpose();  // 0.02 px
     EXPECT_GT(e.share, 0.97) << plane.transpose();
   }
 }
@@ -154,6 +154,29 @@ TEST(DepthSweep, HiddenPixelsHaveNoAnswerUnlessASecondViewSeesThem) {
   fill(filled);
   EXPECT_GT(right_share(filled, 36, 45, far).first, 0.8);
   EXPECT_EQ(std::count(filled.inverse_depth.data.begin(), filled.inverse_depth.data.end(), 0.0f), 0);
+}
+
+/// The wall's left border leaves the view to the right: its neighbours tell its depth, and its confidence says who told it.
+TEST(DepthSweep, UnseenPixelsFollowTheirNeighboursIfWanted) {
+  ICLK_NEED_DEVICE();
+  const Eigen::Vector3d plane(20 / 50.0, 0, 0);  // 20 px
+  const Map a = seen(plane, Eigen::Vector3d::Zero()), b = seen(plane, kLeft);
+  const DepthSource source{view(b), kCamera, moved(kLeft)};
+  DepthOptions options;
+  for (const bool keep : {false, true}) {
+    options.keep_unseen = keep;
+    DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1}, options);
+    const DepthMap map = sweep.compute(view(a), kCamera, std::span(&source, 1), kRange);
+    int right = 0, answers = 0, confident = 0;
+    for (int v = 0; v < kHeight; ++v)
+      for (int u = 0; u < 16; ++u) {
+        const auto w = static_cast<double>(map.inverse_depth.at(u, v));
+        answers += w > 0, right += std::abs(50 * w - 20)<1, confident += map.confidence.at(u, v)> 0;
+      }
+    if (keep) EXPECT_GT(right, 0.8 * 16 * kHeight);
+    if (!keep) EXPECT_LT(answers, 0.1 * 16 * kHeight);
+    EXPECT_LT(confident, 0.1 * 16 * kHeight) << keep;
+  }
 }
 
 /// Without texture only a prior knows.

@@ -33,8 +33,7 @@ inline std::vector<uint8_t> costs_of(const std::vector<uint32_t>& own, const std
     for (int x = 0; x < width; ++x)
       for (int d = 0; d < planes; ++d) {
         const size_t row = static_cast<size_t>(y) * static_cast<size_t>(width);
-        const int cost =
-            x < d ? 16 : std::popcount(own[row + static_cast<size_t>(x)] ^ other[row + static_cast<size_t>(x - d)]);
+        const int cost = x < d ? 8 : std::popcount(own[row + static_cast<size_t>(x)] ^ other[row + static_cast<size_t>(x - d)]);
         out.push_back(static_cast<uint8_t>(cost));
       }
   return out;
