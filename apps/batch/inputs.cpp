@@ -24,13 +24,6 @@ Json file_state(const std::string& path) {
   return {{"bytes", static_cast<uint64_t>(info.st_size)}, {"modified", modified}};
 }
 
-std::string distortion_text(const Distortion& distortion) {
-  if (distortion.empty()) return "none";
-  std::string text = distortion.model == Distortion::Model::radtan ? "radtan:" : "equidistant:";
-  for (size_t i = 0; i < distortion.k.size(); ++i) text += (i == 0 ? "" : ",") + Json(distortion.k[i]).dump();
-  return text;
-}
-
 std::string in_words(const Json& value) {
   if (value.is_null()) return "not there";
   if (value.is_string()) return value.get<std::string>();

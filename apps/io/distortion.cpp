@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include <nlohmann/json.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/core/eigen.hpp>
 #include <opencv2/imgproc.hpp>
@@ -11,21 +12,6 @@
 #include "apps/io/text.h"
 
 namespace iclk {
-namespace {
-
-/// The radius in the normalised image up to which the radial polynomial grows. Beyond it the model folds back into the image
-/// and would show what the lens never saw there.
-double radtan_domain(const std::vector<double>& k) {
-  const double k3 = k.size() > 4 ? k[4] : 0;
-  for (double r = 0; r < 4; r += 1e-3) {
-    const double r2 = r * r;
-    if (1 + r2 * (3 * k[0] + r2 * (5 * k[1] + r2 * 7 * k3)) <= 0) return r;
-  }
-  return 4;
-}
-
-}  // namespace
-
 cv::Mat camera_matrix(const Camera& c) { return (cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1); }
 
 Distortion make_distortion(const std::string& model, std::vector<double> k, const std::string& where) {
@@ -61,6 +47,13 @@ Distortion parse_distortion(const std::string& text) {
   return make_distortion(text.substr(0, colon), k, where);
 }
 
+std::string distortion_text(const Distortion& distortion) {
+  if (distortion.empty()) return "none";
+  std::string text = distortion.model == Distortion::Model::radtan ? "radtan:" : "equidistant:";
+  for (size_t i = 0; i < distortion.k.size(); ++i) text += (i == 0 ? "" : ",") + nlohmann::json(distortion.k[i]).dump();
+  return text;
+}
+
 Undistorter::Undistorter(const Camera& camera, const Distortion& distortion) : Undistorter(camera, distortion, camera) {}
 
 Undistorter::Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as, const Eigen::Matrix3d& R)
@@ -77,7 +70,7 @@ Undistorter::Undistorter(const Camera& camera, const Distortion& distortion, con
     cv::fisheye::initUndistortRectifyMap(K, distortion_.k, turn, K_as, size, CV_32FC1, map_u_, map_v_);
   else
     cv::initUndistortRectifyMap(K, distortion_.k, turn, K_as, size, CV_32FC1, map_u_, map_v_);
-  const double domain = distortion_.model == Distortion::Model::radtan ? radtan_domain(distortion_.k) : 1e300;
+  const double domain = Lens(distortion_).radius();  // beyond it the model folds back
   seen_ = cv::Mat::zeros(size, CV_8UC1);
   for (int v = 0; v < size.height; ++v)
     for (int u = 0; u < size.width; ++u) {

@@ -7,19 +7,15 @@
 
 #include <iclk/align/camera.h>
 
+#include "apps/render/lens.h"
+
 namespace iclk {
-
-/// How a lens departs from the pinhole. Coefficients do not depend on the image size.
-struct Distortion {
-  enum class Model { none, radtan, equidistant };
-  Model model = Model::none;
-  std::vector<double> k;  ///< radtan: k1, k2, p1, p2[, k3]; equidistant: k1, k2, k3, k4
-
-  bool empty() const { return model == Model::none; }
-};
 
 /// "radtan:k1,k2,p1,p2[,k3]", "equidistant:k1,k2,k3,k4" or "none". Throws Error(invalid_argument) that names what is wrong.
 Distortion parse_distortion(const std::string& text);
+
+/// As parse_distortion() takes it, to the last bit.
+std::string distortion_text(const Distortion& distortion);
 
 /// From a model's name in a camera file (radtan, radial-tangential, plumb_bob, equidistant, fisheye, none, ...) and its
 /// coefficients. `where` opens the messages.

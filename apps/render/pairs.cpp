@@ -62,25 +62,40 @@ SE3 level_camera(const Vector3d& C, double azimuth, double ahead, double below) 
   return T_WC;
 }
 
-/// Of the ground that camera 0 sees: how far apart the views show it, px in the mean.
-double mean_motion(const View& view, const Camera& camera, const Camera& full, const SE3& T_10) {
-  double sum = 0;
-  for (int v = 0; v < view.height; ++v)
-    for (int u = 0; u < view.width; ++u) {
-      const double z = view.depth[static_cast<size_t>(v) * static_cast<size_t>(view.width) + static_cast<size_t>(u)];
-      const Vector3d X0 = z * camera.ray({u, v}), X1 = T_10 * X0;
-      if (!(X1.z() > 0)) return INFINITY;
-      sum += (full.project(X1) - full.project(X0)).norm();
+/// (x, y) of the ray through every pixel, NaN where there is none or it is not certain: at the very edge of the lens's domain
+/// the device's single precision may say something else.
+std::vector<Eigen::Vector2d> rays_of(const Camera& camera, const Lens& lens) {
+  std::vector<Eigen::Vector2d> rays;
+  for (int v = 0; v < camera.height; ++v)
+    for (int u = 0; u < camera.width; ++u) {
+      const auto ray = lens.undistort(camera.ray({u, v}).head<2>());
+      rays.push_back(ray && ray->norm() < 0.995 * lens.radius() ? *ray : Eigen::Vector2d(NAN, NAN));
     }
-  return sum / (view.width * view.height);
+  return rays;
+}
+
+/// Of the ground that camera 0 sees: how far apart the views show it, px of the undistorted image in the mean.
+double mean_motion(const View& view, const std::vector<Eigen::Vector2d>& rays, const Camera& full, const SE3& T_10) {
+  double sum = 0;
+  int count = 0;
+  for (size_t i = 0; i < rays.size(); ++i) {
+    if (std::isnan(rays[i].x())) continue;
+    const Vector3d X0 = static_cast<double>(view.depth[i]) * rays[i].homogeneous(), X1 = T_10 * X0;
+    if (!(X1.z() > 0)) return INFINITY;
+    sum += (full.project(X1) - full.project(X0)).norm();
+    ++count;
+  }
+  return sum / std::max(count, 1);
 }
 
 }  // namespace
 
 void PairOptions::check() const {
-  camera.check();
-  if (camera.width < 2 || camera.height < 2)
-    fail("a camera of " + std::to_string(camera.width) + "x" + std::to_string(camera.height) + " pixels is too small");
+  for (const Camera& c : {camera, second ? second->camera : camera}) {
+    c.check();
+    if (c.width < 2 || c.height < 2)
+      fail("a camera of " + std::to_string(c.width) + "x" + std::to_string(c.height) + " pixels is too small");
+  }
   if (!(altitude_min > 0) || !(altitude_max >= altitude_min) || !std::isfinite(altitude_max))
     fail("altitudes of " + number(altitude_min) + " to " + number(altitude_max) + " m must be positive and in ascending order");
   if (!(tilt >= 0) || !(tilt < 1.5)) fail("a tilt of " + number(tilt * 180 / M_PI) + " degrees must be 0 to 85");
@@ -104,22 +119,26 @@ std::string PairSource::Rejected::text() const {
          " because the ground was too near" + (start > 0 ? ", " + std::to_string(start) + " because of where they start" : "");
 }
 
+PairSource::Eye::Eye(const Camera& c, const Lens& l)
+    : camera(c), quick(quick_camera(c)), lens(l), rays(rays_of(c, l)), quick_rays(rays_of(quick, l)) {}
+
 PairSource::PairSource(TerrainRenderer& renderer, const PairOptions& options) : renderer_(renderer), options_(options) {
   options_.check();
   const MapBox map = renderer.terrain().extent();
   region_ = {map.left + options_.region.left * map.width(), map.bottom + options_.region.bottom * map.height(),
              map.left + options_.region.right * map.width(), map.bottom + options_.region.top * map.height()};
-  quick_ = quick_camera(options_.camera);
+  eyes_.emplace_back(options_.camera, options_.lens);
+  if (options_.second) eyes_.emplace_back(options_.second->camera, options_.second->lens);
 }
 
-bool PairSource::acceptable(const View& view, const Camera& camera, const SE3& T_WC, double nearest) {
-  for (int v = 0; v < view.height; ++v)
-    for (int u = 0; u < view.width; ++u) {
-      const double z = view.depth[static_cast<size_t>(v) * static_cast<size_t>(view.width) + static_cast<size_t>(u)];
-      const Vector3d X = T_WC * (z * camera.ray({u, v}));
-      if (!(z > 0) || !region_.contains(X.x(), X.y())) return ++rejected_.outside, false;
-      if (z < nearest) return ++rejected_.too_near, false;
-    }
+bool PairSource::acceptable(const View& view, const std::vector<Eigen::Vector2d>& rays, const SE3& T_WC, double nearest) {
+  for (size_t i = 0; i < rays.size(); ++i) {
+    if (std::isnan(rays[i].x())) continue;
+    const double z = view.depth[i];
+    const Vector3d X = T_WC * (z * rays[i].homogeneous());
+    if (!(z > 0) || !region_.contains(X.x(), X.y())) return ++rejected_.outside, false;
+    if (z < nearest) return ++rejected_.too_near, false;
+  }
   return true;
 }
 
@@ -129,10 +148,14 @@ bool PairSource::draw_perturbed(Random& random, RenderedPair& pair) const {
   const double heading = random.between(0, 2 * M_PI), tilt = random.between(0, options_.tilt),
                roll = random.between(0, 2 * M_PI);
   SE3 T_01;
-  Vector6d turn = Vector6d::Zero();
-  for (double& r : T_01.t) r = random.between(-options_.translation, options_.translation);
-  for (double& r : turn.tail<3>()) r = random.between(-options_.rotation, options_.rotation);
-  T_01.R = SE3::exp(turn).R;
+  if (options_.second) {
+    T_01 = options_.second->T_10.inverse();
+  } else {
+    Vector6d turn = Vector6d::Zero();
+    for (double& r : T_01.t) r = random.between(-options_.translation, options_.translation);
+    for (double& r : turn.tail<3>()) r = random.between(-options_.rotation, options_.rotation);
+    T_01.R = SE3::exp(turn).R;
+  }
 
   const auto ground = renderer_.terrain().height_at(x, y);
   if (!ground) return false;
@@ -174,7 +197,7 @@ RenderedPair PairSource::draw(uint64_t index) {
   for (int draw = 0; draw < kDraws; ++draw) {
     ++rejected_.draws;
     RenderedPair pair;
-    if (!(options_.orbit_max > 0 ? draw_orbit(random, pair) : draw_perturbed(random, pair))) {
+    if (!(options_.orbit_max > 0 && !options_.second ? draw_orbit(random, pair) : draw_perturbed(random, pair))) {
       ++rejected_.outside;
       continue;
     }
@@ -187,19 +210,24 @@ RenderedPair PairSource::draw(uint64_t index) {
       ++rejected_.too_near;
       continue;
     }
-    const auto sees = [&](const Camera& camera, const SE3& T_WC, View& view) {
-      view = renderer_.render(camera, T_WC);
-      return acceptable(view, camera, T_WC, nearest);
-    };
+    const Eye &eye0 = eyes_.front(), &eye1 = eyes_.back();
     View quick;
-    if (!sees(quick_, pair.T_W0, quick)) continue;
-    const double start = mean_motion(quick, quick_, options_.camera, pair.T_10);
+    const auto glimpses = [&](const Eye& eye, const SE3& T_WC) {
+      quick = renderer_.render(eye.quick, T_WC, eye.lens);
+      return acceptable(quick, eye.quick_rays, T_WC, nearest);
+    };
+    const auto sees = [&](const Eye& eye, const SE3& T_WC, View& view) {
+      view = renderer_.render(eye.camera, T_WC, eye.lens);
+      return acceptable(view, eye.rays, T_WC, nearest);
+    };
+    if (!glimpses(eye0, pair.T_W0)) continue;
+    const double start = mean_motion(quick, eye0.quick_rays, options_.camera, pair.T_10);
     if (start < options_.start_min || start > options_.start_max) {
       ++rejected_.start;
       continue;
     }
-    if (!sees(quick_, pair.T_W1, quick)) continue;
-    if (!sees(options_.camera, pair.T_W0, pair.view0) || !sees(options_.camera, pair.T_W1, pair.view1)) continue;
+    if (!glimpses(eye1, pair.T_W1)) continue;
+    if (!sees(eye0, pair.T_W0, pair.view0) || !sees(eye1, pair.T_W1, pair.view1)) continue;
     return pair;
   }
   const Camera& c = options_.camera;

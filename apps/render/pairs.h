@@ -1,6 +1,7 @@
 #pragma once
 #include <cmath>
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "apps/render/renderer.h"
@@ -23,12 +24,21 @@ struct PairOptions {
   double nearest = 0.3;                        ///< no ground nearer than this share of the altitude
   MapBox region{0, 0, 1, 1};                   ///< of the terrain's extent, in fractions from its south-west corner
   uint64_t seed = 0;
+  Lens lens;  ///< of `camera`, through which both views are taken
+  /// Where it is set, camera 1 is the second one of a rig: T_10 is the rig's, no perturbation and no orbit is drawn.
+  struct Second {
+    Camera camera;
+    Lens lens;
+    SE3 T_10;
+  };
+  std::optional<Second> second;
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
 };
 
-/// Two views whose fields of view lie in the region and see ground with a picture in every pixel.
+/// Two views whose fields of view lie in the region and see ground with a picture in every pixel to which the lens shows
+/// anything.
 struct RenderedPair {
   SE3 T_W0, T_W1;  ///< camera to map
   SE3 T_10;        ///< camera 0 to camera 1, the truth
@@ -63,7 +73,14 @@ class PairSource {
 
  private:
   class Random;
-  bool acceptable(const View& view, const Camera& camera, const SE3& T_WC, double nearest);
+  /// A camera, and one that has few pixels of its whole view.
+  struct Eye {
+    Camera camera, quick;
+    Lens lens;
+    std::vector<Eigen::Vector2d> rays, quick_rays;  ///< (x, y) of every pixel, NaN where the lens shows nothing
+    Eye(const Camera& camera, const Lens& lens);
+  };
+  bool acceptable(const View& view, const std::vector<Eigen::Vector2d>& rays, const SE3& T_WC, double nearest);
   /// Poses and altitude, without views; false where the map has no ground.
   bool draw_perturbed(Random& random, RenderedPair& pair) const;
   bool draw_orbit(Random& random, RenderedPair& pair) const;
@@ -71,7 +88,7 @@ class PairSource {
   TerrainRenderer& renderer_;
   PairOptions options_;
   MapBox region_;
-  Camera quick_;
+  std::vector<Eye> eyes_;  ///< camera 0, and camera 1 where it is another
   Rejected rejected_;
 };
 

@@ -1,6 +1,7 @@
 #include "apps/render/renderer.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -33,15 +34,20 @@ std::string metres(double value) {
   return text;
 }
 
-engine::Kernel make_kernel(const std::shared_ptr<const engine::Context>& context, const RenderOptions& options) {
+engine::Kernel make_kernel(const std::shared_ptr<const engine::Context>& context, const RenderOptions& options,
+                           Distortion::Model model) {
   using enum engine::BindingKind;
-  return {context,
-          {"render",
-           render_comp_spv,
-           {texel_read, texel_read, uniform, storage_write, storage_write},
-           sizeof(shaders::RenderPush),
-           {static_cast<uint32_t>(options.samples), static_cast<uint32_t>(options.max_anisotropy)}}};
+  return {
+      context,
+      {"render",
+       render_comp_spv,
+       {texel_read, texel_read, uniform, storage_write, storage_write},
+       sizeof(shaders::RenderPush),
+       {static_cast<uint32_t>(options.samples), static_cast<uint32_t>(options.max_anisotropy), static_cast<uint32_t>(model)}}};
 }
+static_assert(static_cast<int>(Distortion::Model::none) == ICLK_LENS_NONE);
+static_assert(static_cast<int>(Distortion::Model::radtan) == ICLK_LENS_RADTAN);
+static_assert(static_cast<int>(Distortion::Model::equidistant) == ICLK_LENS_EQUIDISTANT);
 
 /// Heights, mosaic and the places of their windows on the device, with what fills them.
 struct DeviceTerrain {
@@ -59,8 +65,14 @@ struct DeviceTerrain {
     kept = keep_staging;
   }
 
-  void record_upload(engine::Recorder& recorder, const Windows& r, const Windows& m) {
+  void record_upload(engine::Recorder& recorder, const Windows& r, const Windows& m, const Terrain& terrain,
+                     uint32_t background) {
     auto* out = staging[staging_levels].as<shaders::RenderLevels>();
+    out->cells_per_metre_x = static_cast<float>(1 / terrain.relief.step_x);
+    out->cells_per_metre_y = static_cast<float>(1 / terrain.relief.step_y);
+    out->texels_per_metre_x = static_cast<float>(1 / terrain.mosaic.step_x);
+    out->texels_per_metre_y = static_cast<float>(1 / terrain.mosaic.step_y);
+    out->background = background;
     std::copy(r.levels.begin(), r.levels.end(), out->relief);
     std::copy(m.levels.begin(), m.levels.end(), out->mosaic);
     recorder.copy(staging[staging_relief], memory[relief], 4 * r.elements);
@@ -101,7 +113,7 @@ struct TerrainRenderer::Impl {
       : context(std::move(c)), terrain(std::move(t)), options(o) {
     options.check();
     terrain->check();
-    kernel = make_kernel(context, options);
+    kernel_of(Distortion::Model::none);
     relief = relief_levels(terrain->relief, terrain->height);
     mosaic = mosaic_levels(terrain->mosaic, terrain->rgba);
     highest = relief.back().data[0];
@@ -110,10 +122,17 @@ struct TerrainRenderer::Impl {
       if (h < lowest) lowest = h;  // false for NaN
     place();
     engine::ArenaSize size;
-    size.add(kernel);
+    size.add(kernels[0], static_cast<uint32_t>(kernels.size()));
     arena = std::make_unique<engine::DescriptorArena>(context, size);
     submission = std::make_unique<engine::Submission>(context);
     if (resident) upload_whole();
+  }
+
+  /// Made when it is first needed: a driver may take a second.
+  const engine::Kernel& kernel_of(Distortion::Model model) const {
+    engine::Kernel& kernel = kernels[static_cast<size_t>(model)];
+    if (!kernel) kernel = make_kernel(context, options, model);
+    return kernel;
   }
 
   /// All of it on the device, or room for windows.
@@ -147,7 +166,7 @@ struct TerrainRenderer::Impl {
     copy_windows(whole_relief, relief, terrain->height, device->staging[device->staging_relief].as<float>());
     copy_windows(whole_mosaic, mosaic, terrain->rgba, device->staging[device->staging_mosaic].as<uint32_t>());
     engine::Recorder recorder(*submission, *arena);
-    device->record_upload(recorder, whole_relief, whole_mosaic);
+    device->record_upload(recorder, whole_relief, whole_mosaic, *terrain, options.background);
     recorder.finish();
     submission->end();
     submission->submit_and_wait();
@@ -175,12 +194,19 @@ struct TerrainRenderer::Impl {
            " m high, the ground there " + metres(*ground) + " m: it must be above");
   }
 
-  shaders::RenderPush push(const Camera& camera, const SE3& T_WC, const PixelRect& tile, int finest) const {
+  shaders::RenderPush push(const Camera& camera, const SE3& T_WC, const Lens& lens, const PixelRect& tile, int finest) const {
     shaders::RenderPush p{};
-    Eigen::Matrix3d K_inverse;
-    K_inverse << 1 / camera.fx, 0, -camera.cx / camera.fx, 0, 1 / camera.fy, -camera.cy / camera.fy, 0, 0, 1;
+    Eigen::Matrix3d K_inverse = Eigen::Matrix3d::Identity();
+    if (lens.empty()) K_inverse << 1 / camera.fx, 0, -camera.cx / camera.fx, 0, 1 / camera.fy, -camera.cy / camera.fy, 0, 0, 1;
     const Eigen::Matrix3f rays = (T_WC.R * K_inverse).cast<float>();
     for (int i = 0; i < 3; ++i) p.ray_u[i] = rays(i, 0), p.ray_v[i] = rays(i, 1), p.ray_0[i] = rays(i, 2);
+    if (!lens.empty()) {
+      const double of_lens[] = {lens.limit(), lens.tangential().x(), lens.tangential().y()};
+      const double of_camera[] = {camera.fx, camera.fy, camera.cx, camera.cy};
+      for (int i = 0; i < 3; ++i) p.ray_0[i] = static_cast<float>(of_lens[i]);
+      for (int i = 0; i < 4; ++i) p.lens[i] = static_cast<float>(of_camera[i]);
+      for (int i = 0; i < 4; ++i) p.lens[4 + i] = static_cast<float>(lens.radial()[i]);
+    }
     p.height_high = static_cast<float>(T_WC.t.z());
     p.height_low = static_cast<float>(T_WC.t.z() - p.height_high);
     p.top = static_cast<float>(highest - T_WC.t.z());
@@ -190,8 +216,6 @@ struct TerrainRenderer::Impl {
     p.cell_y = static_cast<int>(std::floor(cell.y()));
     p.cell_fraction_x = static_cast<float>(cell.x() - p.cell_x);
     p.cell_fraction_y = static_cast<float>(cell.y() - p.cell_y);
-    p.cells_per_metre_x = static_cast<float>(1 / terrain->relief.step_x);
-    p.cells_per_metre_y = static_cast<float>(1 / terrain->relief.step_y);
     const Eigen::Vector2d texel = terrain->mosaic.pixel(T_WC.t.x(), T_WC.t.y());
     const int coarsest = static_cast<int>(mosaic.size()) - 1;
     const double corner = std::ldexp(1.0, coarsest);
@@ -199,28 +223,27 @@ struct TerrainRenderer::Impl {
     p.texel_y = static_cast<int>(corner * std::floor(texel.y() / corner));
     p.texel_fraction_x = static_cast<float>(texel.x() - p.texel_x);
     p.texel_fraction_y = static_cast<float>(texel.y() - p.texel_y);
-    p.texels_per_metre_x = static_cast<float>(1 / terrain->mosaic.step_x);
-    p.texels_per_metre_y = static_cast<float>(1 / terrain->mosaic.step_y);
     const auto pack = [](int a, int b) { return static_cast<uint32_t>(a) | static_cast<uint32_t>(b) << 16; };
     p.size = pack(camera.width, camera.height);
     p.corner = pack(tile.x, tile.y);
     p.tile = pack(tile.width, tile.height);
     p.levels =
         static_cast<uint32_t>(relief.size() - 2) | static_cast<uint32_t>(coarsest) << 8 | static_cast<uint32_t>(finest) << 16;
-    p.background = options.background;
     return p;
   }
 
-  void dispatch(engine::Recorder& recorder, const shaders::RenderPush& p, const engine::Buffer& rgba,
+  void dispatch(engine::Recorder& recorder, const Lens& lens, const shaders::RenderPush& p, const engine::Buffer& rgba,
                 const engine::Buffer& depth) const {
     const engine::Workspace& m = device->memory;
-    recorder.dispatch(kernel, {&m[device->relief], &m[device->mosaic], &m[device->levels], &rgba, &depth}, p,
+    recorder.dispatch(kernel_of(lens.distortion().model),
+                      {&m[device->relief], &m[device->mosaic], &m[device->levels], &rgba, &depth}, p,
                       {engine::groups_for(p.tile & 0xffff, kGroup), engine::groups_for(p.tile >> 16, kGroup), 1});
   }
 
   /// Renders a tile, in halves where its windows do not fit.
-  void render_tile(const Camera& camera, const SE3& T_WC, const PixelRect& tile, const Frame& frame) {
-    const MapBox box = footprint(camera, T_WC, tile, lowest, highest, terrain->relief.centres());
+  void render_tile(const Camera& camera, const SE3& T_WC, const Lens& lens, const PixelRect& tile) {
+    const auto seen = pinhole_box(camera, lens, tile);
+    const MapBox box = seen ? footprint(camera, T_WC, *seen, lowest, highest, terrain->relief.centres()) : MapBox();
     int finest = 0;
     Windows r, m;
     if (!box.empty()) {
@@ -233,8 +256,8 @@ struct TerrainRenderer::Impl {
           a.width = (tile.width + 1) / 2, b.x += a.width, b.width -= a.width;
         else
           a.height = (tile.height + 1) / 2, b.y += a.height, b.height -= a.height;
-        render_tile(camera, T_WC, a, frame);
-        render_tile(camera, T_WC, b, frame);
+        render_tile(camera, T_WC, lens, a);
+        render_tile(camera, T_WC, lens, b);
         return;
       }
       if (r.elements > relief_room)
@@ -249,26 +272,58 @@ struct TerrainRenderer::Impl {
     copy_windows(m, mosaic, terrain->rgba, device->staging[device->staging_mosaic].as<uint32_t>());
     if (r.elements == 0) r.elements = m.elements = 1;  // no ground: empty windows, which stop every ray
     engine::Recorder recorder(*submission, *arena);
-    device->record_upload(recorder, r, m);
-    dispatch(recorder, push(camera, T_WC, tile, finest), frame.memory[frame.rgba], frame.memory[frame.depth]);
+    device->record_upload(recorder, r, m, *terrain, options.background);
+    dispatch(recorder, lens, push(camera, T_WC, lens, tile, finest), frame->memory[frame->rgba], frame->memory[frame->depth]);
     recorder.finish();
     submission->end();
     submission->submit_and_wait();
   }
 
-  View render(const Camera& camera, const SE3& T_WC) {
+  View render(const Camera& camera, const SE3& T_WC, const Lens& lens) {
     check(camera, T_WC);
-    const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
-    if (!frame || frame->pixels < pixels) {
-      frame.reset();
-      arena->reset();
-      frame = std::make_unique<Frame>(context, pixels);
-    }
+    make_frame(camera);
     const PixelRect all{0, 0, camera.width, camera.height};
-    if (!resident) render_tile(camera, T_WC, all, *frame);
+    if (!resident) render_tile(camera, T_WC, lens, all);
     engine::Recorder recorder(*submission, *arena);
+    if (resident)
+      dispatch(recorder, lens, push(camera, T_WC, lens, all, 0), frame->memory[frame->rgba], frame->memory[frame->depth]);
+    return read(recorder, camera);
+  }
+
+  View render_rows(const Camera& camera, std::span<const SE3> T_WC, const Lens& lens) {
+    camera.check();
+    if (T_WC.size() != static_cast<size_t>(camera.height))
+      fail(std::to_string(T_WC.size()) + " poses for " + std::to_string(camera.height) + " rows");
+    need_resident("with a rolling shutter");
+    for (const SE3& pose : T_WC) check(camera, pose);
+    make_frame(camera);
+    engine::Recorder recorder(*submission, *arena);
+    for (int v = 0; v < camera.height; ++v)
+      dispatch(recorder, lens, push(camera, T_WC[static_cast<size_t>(v)], lens, {0, v, camera.width, 1}, 0),
+               frame->memory[frame->rgba], frame->memory[frame->depth]);
+    return read(recorder, camera);
+  }
+
+  void need_resident(const std::string& how) const {
+    if (!resident)
+      throw Error(ErrorCode::unsupported, "render: a terrain that does not fit into the device (" +
+                                              std::to_string(terrain->mosaic.width) + "x" +
+                                              std::to_string(terrain->mosaic.height) + " pixels) cannot be rendered " + how +
+                                              "; use a smaller or coarser one");
+  }
+
+  void make_frame(const Camera& camera) {
+    const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
+    if (frame && frame->pixels >= pixels) return;
+    frame.reset();
+    arena->reset();
+    frame = std::make_unique<Frame>(context, pixels);
+  }
+
+  /// Submits what was recorded, and waits.
+  View read(engine::Recorder& recorder, const Camera& camera) {
+    const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
     const engine::Workspace& m = frame->memory;
-    if (resident) dispatch(recorder, push(camera, T_WC, all, 0), m[frame->rgba], m[frame->depth]);
     recorder.copy(m[frame->rgba], m[frame->host_rgba], 4 * pixels);
     recorder.copy(m[frame->depth], m[frame->host_depth], 4 * pixels);
     recorder.host_read({&m[frame->host_rgba], &m[frame->host_depth]});
@@ -284,9 +339,9 @@ struct TerrainRenderer::Impl {
   std::shared_ptr<const engine::Context> context;
   std::shared_ptr<const Terrain> terrain;
   RenderOptions options;
-  engine::Kernel kernel;
-  std::vector<RasterLevel<float>> relief;     // data only where the device does not hold all of it
-  std::vector<RasterLevel<uint32_t>> mosaic;  // the same
+  mutable std::array<engine::Kernel, 3> kernels;  // by Distortion::Model
+  std::vector<RasterLevel<float>> relief;         // data only where the device does not hold all of it
+  std::vector<RasterLevel<uint32_t>> mosaic;      // the same
   double lowest = 0, highest = 0;
   bool resident = false;
   Windows whole_relief, whole_mosaic;
@@ -306,23 +361,24 @@ TerrainRenderer& TerrainRenderer::operator=(TerrainRenderer&&) noexcept = defaul
 
 const Terrain& TerrainRenderer::terrain() const { return *impl_->terrain; }
 bool TerrainRenderer::resident() const { return impl_->resident; }
-View TerrainRenderer::render(const Camera& camera, const SE3& T_WC) { return impl_->render(camera, T_WC); }
+View TerrainRenderer::render(const Camera& camera, const SE3& T_WC, const Lens& lens) {
+  return impl_->render(camera, T_WC, lens);
+}
+View TerrainRenderer::render_rows(const Camera& camera, std::span<const SE3> T_WC, const Lens& lens) {
+  return impl_->render_rows(camera, T_WC, lens);
+}
 
 void TerrainRenderer::record(engine::Recorder& recorder, const Camera& camera, const SE3& T_WC, const engine::Buffer& rgba,
-                             const engine::Buffer& depth) const {
+                             const engine::Buffer& depth, const Lens& lens) const {
   impl_->check(camera, T_WC);
-  if (!impl_->resident)
-    throw Error(ErrorCode::unsupported, "render: a terrain that does not fit into the device (" +
-                                            std::to_string(terrain().mosaic.width) + "x" +
-                                            std::to_string(terrain().mosaic.height) +
-                                            " pixels) can be rendered by render() only; use a smaller or coarser one");
+  impl_->need_resident("by record(), by render() only");
   const uint64_t bytes = uint64_t{4} * static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
   if (rgba.size < bytes || depth.size < bytes)
     fail("buffers of " + std::to_string(rgba.size) + " and " + std::to_string(depth.size) + " bytes for a view of " +
          std::to_string(bytes));
-  impl_->dispatch(recorder, impl_->push(camera, T_WC, {0, 0, camera.width, camera.height}, 0), rgba, depth);
+  impl_->dispatch(recorder, lens, impl_->push(camera, T_WC, lens, {0, 0, camera.width, camera.height}, 0), rgba, depth);
 }
 
-void TerrainRenderer::add_to(engine::ArenaSize& size, uint32_t views) const { size.add(impl_->kernel, views); }
+void TerrainRenderer::add_to(engine::ArenaSize& size, uint32_t views) const { size.add(impl_->kernels[0], views); }
 
 }  // namespace iclk

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include <iclk/align/camera.h>
@@ -9,6 +10,7 @@
 #include <iclk/engine/context.h>
 #include <iclk/engine/recorder.h>
 
+#include "apps/render/lens.h"
 #include "apps/render/terrain.h"
 
 namespace iclk {
@@ -36,7 +38,8 @@ struct View {
 };
 
 /// Renders views of a terrain by ray casting in a compute shader. A camera is given by T_WC, which maps its points (x right, y
-/// down, z forward) into the map (x east, y north, z up). Colours are interpolated as they are stored, without a gamma. The
+/// down, z forward) into the map (x east, y north, z up), and by its lens: a pixel looks in the direction that the lens bends
+/// into it, and pixels outside the lens's domain see nothing. Colours are interpolated as they are stored, without a gamma. The
 /// same view on the same device has the same bits. One thread at a time.
 class TerrainRenderer {
  public:
@@ -52,7 +55,10 @@ class TerrainRenderer {
 
   /// Renders and waits. Throws Error(invalid_argument) for an invalid camera, a pose that is no rigid motion or lies at or
   /// below the ground; Error(unsupported) if heights under the view do not fit into the device; Error(device_lost).
-  View render(const Camera& camera, const SE3& T_WC);
+  View render(const Camera& camera, const SE3& T_WC, const Lens& lens = {});
+  /// A rolling shutter: row v from T_WC[v], its depth along that pose's axis. Throws as render(), Error(invalid_argument) for
+  /// another number of poses than rows, and Error(unsupported) unless resident().
+  View render_rows(const Camera& camera, std::span<const SE3> T_WC, const Lens& lens = {});
 
   /// The whole terrain is on the device: record() can be used.
   bool resident() const;
@@ -60,7 +66,7 @@ class TerrainRenderer {
   /// least, rows packed, as in View. Any number of views may be in one command buffer; the renderer must outlive it. Throws as
   /// render() does, and Error(unsupported) unless resident().
   void record(engine::Recorder& recorder, const Camera& camera, const SE3& T_WC, const engine::Buffer& rgba,
-              const engine::Buffer& depth) const;
+              const engine::Buffer& depth, const Lens& lens = {}) const;
   /// Adds what `views` recordings need of a DescriptorArena.
   void add_to(engine::ArenaSize& size, uint32_t views = 1) const;
 

@@ -28,7 +28,42 @@ void add(Windows& windows, int level, const Range& x, const Range& y) {
 
 }  // namespace
 
-MapBox footprint(const Camera& camera, const SE3& T_WC, const PixelRect& pixels, double lowest, double highest,
+std::optional<PixelBox> pinhole_box(const Camera& camera, const Lens& lens, const PixelRect& pixels) {
+  if (lens.empty())
+    return PixelBox{pixels.x - 0.5, pixels.y - 0.5, pixels.x - 0.5 + pixels.width, pixels.y - 0.5 + pixels.height};
+  constexpr double inf = std::numeric_limits<double>::infinity();
+  constexpr double beyond = 0.75;  // of the way to a neighbour; a pixel ends at half of it
+  PixelBox box{inf, inf, -inf, -inf};
+  const auto take = [&](const Eigen::Vector2d& at) {
+    box = {std::min(box.u0, at.x()), std::min(box.v0, at.y()), std::max(box.u1, at.x()), std::max(box.v1, at.y())};
+  };
+  std::vector<std::optional<Eigen::Vector2d>> above(static_cast<size_t>(pixels.width) + 2);
+  const auto inside = [&](int u, int v) {
+    return u >= pixels.x && v >= pixels.y && u < pixels.x + pixels.width && v < pixels.y + pixels.height;
+  };
+  // One pixel more on every side, so that there is a neighbour behind each edge.
+  for (int v = pixels.y - 1; v <= pixels.y + pixels.height; ++v) {
+    std::optional<Eigen::Vector2d> left;
+    for (int u = pixels.x - 1; u <= pixels.x + pixels.width; ++u) {
+      std::optional<Eigen::Vector2d>& up = above[static_cast<size_t>(u - pixels.x + 1)];
+      const auto at = pinhole_pixel(camera, lens, {u, v});
+      const auto edges = [&](const std::optional<Eigen::Vector2d>& neighbour, bool neighbour_inside) {
+        if (!at || !neighbour) return;
+        const Eigen::Vector2d step = beyond * (*at - *neighbour);
+        if (inside(u, v)) take(*at + step), take(*at - step);
+        if (neighbour_inside) take(*neighbour + step), take(*neighbour - step);
+      };
+      edges(left, inside(u - 1, v));
+      edges(up, inside(u, v - 1));
+      if (at && inside(u, v)) take(*at);
+      left = up = at;
+    }
+  }
+  if (box.u0 > box.u1) return {};
+  return box;
+}
+
+MapBox footprint(const Camera& camera, const SE3& T_WC, const PixelBox& seen, double lowest, double highest,
                  const MapBox& extent) {
   // No point of the map is deeper than it is far.
   const auto farthest = [](double at, double a, double b) { return std::max(std::abs(a - at), std::abs(b - at)); };
@@ -36,8 +71,8 @@ MapBox footprint(const Camera& camera, const SE3& T_WC, const PixelRect& pixels,
   const double far = Eigen::Vector3d(farthest(C.x(), extent.left, extent.right), farthest(C.y(), extent.bottom, extent.top),
                                      farthest(C.z(), lowest, highest))
                          .norm();
-  const double u0 = pixels.x - 0.5, v0 = pixels.y - 0.5, u1 = u0 + pixels.width, v1 = v0 + pixels.height;
-  const std::array<Eigen::Vector2d, 4> corners = {Eigen::Vector2d(u0, v0), {u1, v0}, {u1, v1}, {u0, v1}};
+  const std::array<Eigen::Vector2d, 4> corners = {
+      Eigen::Vector2d(seen.u0, seen.v0), {seen.u1, seen.v0}, {seen.u1, seen.v1}, {seen.u0, seen.v1}};
   std::array<Eigen::Vector3d, 4> ends;
   for (size_t i = 0; i < 4; ++i) ends[i] = C + far * (T_WC.R * camera.ray(corners[i]));
 

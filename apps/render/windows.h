@@ -1,12 +1,14 @@
 #pragma once
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include <iclk/align/camera.h>
 #include <iclk/align/se3.h>
 #include <iclk/shaders/render/render.h>
 
+#include "apps/render/lens.h"
 #include "apps/render/levels.h"
 
 namespace iclk {
@@ -16,9 +18,18 @@ struct PixelRect {
   int x = 0, y = 0, width = 0, height = 0;
 };
 
-/// What of the map any ray through the pixels (to their outer edges) can pass between the heights `lowest` and `highest`,
-/// inside `extent`: a bound, from the corners of the clipped frustum. May be empty.
-MapBox footprint(const Camera& camera, const SE3& T_WC, const PixelRect& pixels, double lowest, double highest,
+/// A rectangle of the image plane, px.
+struct PixelBox {
+  double u0 = 0, v0 = 0, u1 = 0, v1 = 0;
+};
+
+/// Where the pinhole of the same camera sees what these pixels see through the lens, to their outer edges; nothing where no
+/// pixel sees anything. A lens's bound holds for the pixels' centres, and for their edges as far as the lens is smooth.
+std::optional<PixelBox> pinhole_box(const Camera& camera, const Lens& lens, const PixelRect& pixels);
+
+/// What of the map any ray through that part of a pinhole's image can pass between the heights `lowest` and `highest`, inside
+/// `extent`: a bound, from the corners of the clipped frustum. May be empty.
+MapBox footprint(const Camera& camera, const SE3& T_WC, const PixelBox& seen, double lowest, double highest,
                  const MapBox& extent);
 
 /// The windows of all levels of a pyramid that cover a part of the map.

@@ -2,7 +2,6 @@
 
 #include <fcntl.h>
 #include <sys/file.h>
-#include <sys/statvfs.h>
 #include <unistd.h>
 
 #include <cerrno>
@@ -17,19 +16,19 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/io/distortion.h"
 #include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
 #include "apps/io/output.h"
 #include "apps/io/text.h"
+#include "apps/sets/set_folder.h"
 
 namespace iclk {
 namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-constexpr int kVersion = 1;
 
 [[noreturn]] void refuse(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
@@ -39,44 +38,19 @@ std::string id_of(uint64_t index) {
   return text;
 }
 
-/// Throws if the two differ in any key, with the first.
-void compare_options(const std::string& path, const Json& old, const Json& now) {
-  for (const Json* both : {&old, &now})
-    for (const auto& [name, unused] : both->items()) {
-      const auto a = old.find(name), b = now.find(name);
-      const auto shown = [](const auto& value, const Json& in) { return value == in.end() ? "nothing" : value->dump(); };
-      if (a == old.end() || b == now.end() || *a != *b)
-        refuse(path + " was begun with " + name + " " + shown(a, old) + ", now it is " + shown(b, now) +
-               ": give the same to continue, or another --out");
-    }
-}
-
 }  // namespace
 
-PairSet::PairSet(const std::string& folder, const Json& options, const Json& about) : folder_(folder) {
-  make_output_folder(folder);
-  const std::string path = folder + "/set.json";
-  if (!fs::exists(path)) {
-    for (const auto& entry : fs::directory_iterator(folder))
-      if (!entry.path().filename().string().starts_with("set.json.part"))
-        refuse(folder + " holds other files (" + printable(entry.path().filename().string()) +
-               ") and no set.json: give an empty or new folder as --out");
-    write_file(path, Json{{"iclk_pairs", kVersion}, {"options", options}, {"about", about}}.dump(2) + "\n");
-  } else {
-    std::string why;
-    const Json old = parse_json(read_file(path), &why);
-    if (!old.is_object() || old.value("iclk_pairs", 0) != kVersion || !old.contains("options") || !old["options"].is_object())
-      refuse(path + " is damaged or not of a set of this version" + (why.empty() ? "" : " (" + why + ")") +
-             ": give another --out");
-    compare_options(path, old["options"], options);
-  }
-  for (const char* name : {"images", "depth", "features"}) make_output_folder(folder + "/" + name);
+PairSet::PairSet(const std::string& folder, SetLayout layout, const Json& options, const Json& about)
+    : folder_(folder),
+      layout_(layout),
+      folders_(layout == SetLayout::rig ? std::vector<std::string>{"left", "right", "depth"}
+                                        : std::vector<std::string>{"images", "depth", "features"}) {
+  open_set_folder(folder, "set.json", "iclk_pairs", options, about, folders_);
   try {
     open_manifest();
-    // What a kill left half written has a name of its own.
-    for (const char* name : {"images", "depth", "features"})
-      for (const auto& entry : fs::directory_iterator(folder + "/" + name))
-        if (entry.path().filename().string().find(".part") != std::string::npos) fs::remove(entry.path());
+    std::vector<std::string> all = folders_;
+    all.push_back(".");
+    remove_half_written(folder, all);
     read_lines();
   } catch (...) {
     if (file_ >= 0) ::close(file_);
@@ -107,6 +81,7 @@ void PairSet::read_lines() {
       refuse(manifest() + ":" + std::to_string(number) + " is not a line of this set" + (why.empty() ? "" : " (" + why + ")") +
              ": remove it, or give another --out");
     const uint64_t index = json["meta"]["index"].get<uint64_t>();
+    sorted_ = sorted_ && (lines_.empty() || index > lines_.rbegin()->first);
     if (!lines_.emplace(index, std::move(json)).second)
       refuse(manifest() + ":" + std::to_string(number) + ": pair " + std::to_string(index) + " comes twice");
   }
@@ -114,41 +89,9 @@ void PairSet::read_lines() {
     throw Error(ErrorCode::io, "cannot write " + manifest() + ": " + std::strerror(errno));
 }
 
-uint64_t PairSet::free_bytes() const {
-  struct statvfs info = {};
-  if (::statvfs(folder_.c_str(), &info) != 0) return UINT64_MAX;
-  return uint64_t{info.f_bavail} * info.f_frsize;
-}
-
-void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera, const Features& features, bool target_depth) {
-  const std::string id = id_of(index);
-  const std::string image0 = "images/" + id + "_0.png", image1 = "images/" + id + "_1.png", depth = "depth/" + id + ".tiff",
-                    points = "features/" + id + ".csv";
-  write_file(folder_ + "/" + image0, encode_view(pair.view0));
-  write_file(folder_ + "/" + image1, encode_view(pair.view1));
-  write_file(folder_ + "/" + depth, encode_depth(pair.view0));
-  write_file(folder_ + "/" + points, features_csv(features));
-  const PoseError start = start_error(camera, features, pair.T_10);
-  Json line = {{"id", id},
-               {"reference", image0},
-               {"target", image1},
-               {"depth", depth},
-               {"features", points},
-               {"camera", {camera.fx, camera.fy, camera.cx, camera.cy}},
-               {"truth", pose_json(pair.T_10)},
-               {"meta",
-                {{"index", index},
-                 {"T_W0", pose_json(pair.T_W0)},
-                 {"T_W1", pose_json(pair.T_W1)},
-                 {"altitude", pair.altitude},
-                 {"features", features.size()},
-                 {"start", {{"e_pixel", start.e_pixel}, {"e_transl", start.e_transl}, {"e_rot", start.e_rot}}}}}};
-  if (target_depth) {
-    const std::string depth1 = "depth/" + id + "_1.tiff";
-    write_file(folder_ + "/" + depth1, encode_depth(pair.view1));
-    line["meta"]["target_depth"] = depth1;
-  }
-  const std::string text = line.dump() + "\n";
+void PairSet::add(uint64_t index, const SetEntry& entry) {
+  for (const auto& [name, bytes] : entry.files) write_file(folder_ + "/" + name, bytes);
+  const std::string text = entry.line.dump() + "\n";
   // One write, so that a kill leaves a line or a piece of one at the end of the file.
   // A full disk may take a piece too; the next write() says why.
   const off_t whole = ::lseek(file_, 0, SEEK_END);
@@ -164,7 +107,66 @@ void PairSet::add(uint64_t index, const RenderedPair& pair, const Camera& camera
   if (error != 0) std::ignore = ::ftruncate(file_, whole);
   if (error == 0 && ::fdatasync(file_) != 0) error = errno;
   if (error != 0) throw Error(ErrorCode::io, "cannot write " + manifest() + ": " + std::strerror(error));
-  lines_.emplace(index, std::move(line));
+  sorted_ = sorted_ && (lines_.empty() || index > lines_.rbegin()->first);
+  lines_.emplace(index, entry.line);
+}
+
+void PairSet::sort() {
+  if (sorted_) return;
+  std::string text;
+  for (const auto& [index, line] : lines_) text += line.dump() + "\n";
+  write_file(manifest(), text);
+  // The lock is on the file that this one replaced.
+  ::close(file_);
+  file_ = -1;
+  open_manifest();
+  sorted_ = true;
+}
+
+SetEntry pair_entry(uint64_t index, const RenderedPair& pair, const Camera& camera, const Lens& lens, const Features& features,
+                    bool target_depth) {
+  const std::string id = id_of(index);
+  const std::string image0 = "images/" + id + "_0.png", image1 = "images/" + id + "_1.png", depth = "depth/" + id + ".tiff",
+                    points = "features/" + id + ".csv";
+  SetEntry entry{{{image0, encode_view(pair.view0)},
+                  {image1, encode_view(pair.view1)},
+                  {depth, encode_depth(pair.view0)},
+                  {points, features_csv(features)}},
+                 {}};
+  Features seen = features;
+  for (Eigen::Vector2d& uv : seen.uv) uv = pinhole_pixel(camera, lens, uv).value_or(uv);
+  const PoseError start = start_error(camera, seen, pair.T_10);
+  entry.line = {{"id", id},
+                {"reference", image0},
+                {"target", image1},
+                {"depth", depth},
+                {"features", points},
+                {"camera", {camera.fx, camera.fy, camera.cx, camera.cy}},
+                {"truth", pose_json(pair.T_10)},
+                {"meta",
+                 {{"index", index},
+                  {"T_W0", pose_json(pair.T_W0)},
+                  {"T_W1", pose_json(pair.T_W1)},
+                  {"altitude", pair.altitude},
+                  {"features", features.size()},
+                  {"start", {{"e_pixel", start.e_pixel}, {"e_transl", start.e_transl}, {"e_rot", start.e_rot}}}}}};
+  if (!lens.empty()) entry.line["distortion"] = distortion_text(lens.distortion());
+  if (target_depth) {
+    const std::string depth1 = "depth/" + id + "_1.tiff";
+    entry.files.emplace_back(depth1, encode_depth(pair.view1));
+    entry.line["meta"]["target_depth"] = depth1;
+  }
+  return entry;
+}
+
+SetEntry rig_entry(uint64_t index, const RenderedPair& pair) {
+  const std::string id = id_of(index), left = "left/" + id + ".png", right = "right/" + id + ".png",
+                    depth = "depth/" + id + ".tiff";
+  return {{{left, encode_view(pair.view0)}, {right, encode_view(pair.view1)}, {depth, encode_depth(pair.view0)}},
+          {{"left", left},
+           {"right", right},
+           {"depth", depth},
+           {"meta", {{"index", index}, {"T_WL", pose_json(pair.T_W0)}, {"altitude", pair.altitude}}}}};
 }
 
 nlohmann::ordered_json pose_json(const SE3& T) {
@@ -178,9 +180,10 @@ PoseError start_error(const Camera& camera, const Features& features, const SE3&
   return pose_error(camera, features, SE3(), T_10);
 }
 
-uint64_t largest_pair(const Camera& camera, int features, bool target_depth) {
-  const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
-  return pixels * (target_depth ? 14 : 10) + 48 * static_cast<uint64_t>(features) + (16 << 10);
+uint64_t largest_pair(const Camera& camera, const Camera& second, int features, int depths) {
+  const auto pixels = [](const Camera& c) { return static_cast<uint64_t>(c.width) * static_cast<uint64_t>(c.height); };
+  const auto colour = 3 * (pixels(camera) + pixels(second)), depth = 4 * (pixels(camera) + (depths > 1 ? pixels(second) : 0));
+  return colour + depth + 48 * static_cast<uint64_t>(features) + (16 << 10);
 }
 
 std::string encode_view(const View& view) {

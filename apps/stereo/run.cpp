@@ -185,7 +185,7 @@ std::vector<StereoFiles> list_pairs(const std::string& path) {
     if (!json.is_object()) fail(why.empty() ? "a JSON object is expected" : why);
     StereoFiles files;
     for (const auto& [key, value] : json.items()) {
-      if (value.is_null()) continue;
+      if (value.is_null() || key == "meta") continue;
       if (key == "time") {
         if (!value.is_number() || !std::isfinite(value.get<double>())) fail("key 'time' is not a number");
         files.time = value.get<double>();
@@ -196,7 +196,7 @@ std::vector<StereoFiles> list_pairs(const std::string& path) {
                         : key == "depth"    ? &files.depth
                         : key == "features" ? &files.features
                                             : nullptr;
-      if (to == nullptr) fail("key '" + printable(key) + "' is not known; left, right, depth, features and time are");
+      if (to == nullptr) fail("key '" + printable(key) + "' is not known; left, right, depth, features, time and meta are");
       if (!value.is_string() || value.get<std::string>().empty()) fail("key '" + key + "' is not the name of a file");
       *to = (folder / value.get<std::string>()).string();
     }

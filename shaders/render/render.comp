@@ -11,6 +11,7 @@
 layout(local_size_x = 8, local_size_y = 8) in;
 layout(constant_id = 0) const uint SAMPLES = 2;
 layout(constant_id = 1) const uint MAX_ANISOTROPY = 16;
+layout(constant_id = 2) const uint LENS = ICLK_LENS_NONE;
 
 #include "texels.glsl"
 TEXELS(0, float, relief)
@@ -29,7 +30,10 @@ const float FAR = 1e30;
 const uint RAYS = SAMPLES == 1u ? 1u : SAMPLES * SAMPLES + 1u;
 const int STEPS = int(ICLK_RENDER_STEPS / RAYS);
 
-vec2 slope;  // of the ground where the last ray met it: dh/dx, dh/dy
+#include "render/lens.glsl"
+
+vec3 ray_u, ray_v;  // how the direction of the last ray changes from a pixel to the next
+vec2 slope;         // of the ground where the last ray met it: dh/dx, dh/dy
 
 float height(ivec2 point) {
   RenderWindow w = levels.relief[0];
@@ -42,7 +46,7 @@ float meet(vec3 d) {
   vec2 fraction = vec2(push.cell_fraction_x, push.cell_fraction_y);
   ivec2 camera = ivec2(push.cell_x, push.cell_y);
   // Cells of the grid for a step of depth; rows go south.
-  vec2 e = vec2(d.x * push.cells_per_metre_x, -d.y * push.cells_per_metre_y);
+  vec2 e = vec2(d.x * levels.cells_per_metre_x, -d.y * levels.cells_per_metre_y);
   bvec2 forward = greaterThanEqual(e, vec2(0.0));
   vec2 inverse = vec2(abs(e.x) < 1e-20 ? FAR : 1.0 / e.x, abs(e.y) < 1e-20 ? FAR : 1.0 / e.y);
   ivec2 ahead = ivec2(forward), step = 2 * ahead - 1;
@@ -92,7 +96,7 @@ float meet(vec3 d) {
       float s = f0 <= 0.0 ? 0.0 : root >= 0.0 && divisor > 0.0 ? 2.0 * f0 / divisor : FAR;
       if (s <= (next - t) * 1.00001 + 1e-6 * t) {
         uv += s * e;
-        slope = vec2((g.x + g.z * uv.y) * push.cells_per_metre_x, -(g.y + g.z * uv.x) * push.cells_per_metre_y);
+        slope = vec2((g.x + g.z * uv.y) * levels.cells_per_metre_x, -(g.y + g.z * uv.x) * levels.cells_per_metre_y);
         return t + s;
       }
     }
@@ -151,7 +155,7 @@ vec4 filtered(vec2 x, vec2 du, vec2 dv) {
 
 // Colour times coverage, and coverage, where a ray has met the ground at depth t; 0 beyond the mosaic.
 vec4 shade(vec3 d, float t) {
-  vec2 scale = vec2(push.texels_per_metre_x, -push.texels_per_metre_y);
+  vec2 scale = vec2(levels.texels_per_metre_x, -levels.texels_per_metre_y);
   vec2 x = vec2(push.texel_fraction_x, push.texel_fraction_y) + t * d.xy * scale;
   RenderWindow w = levels.mosaic[(push.levels >> 16) & 255u];
   int finest = int((push.levels >> 16) & 255u);
@@ -161,16 +165,28 @@ vec4 shade(vec3 d, float t) {
   // How the place on the tangent plane of the ground changes from this ray to the next, in u and in v.
   vec3 n = vec3(-slope, 1.0);
   float against = min(dot(n, d), -1e-3 * length(n) * length(d));
-  vec3 ray_u = vec3(push.ray_u[0], push.ray_u[1], push.ray_u[2]) / float(SAMPLES);
-  vec3 ray_v = vec3(push.ray_v[0], push.ray_v[1], push.ray_v[2]) / float(SAMPLES);
-  vec2 du = t * (ray_u.xy - d.xy * (dot(n, ray_u) / against)) * scale;
-  vec2 dv = t * (ray_v.xy - d.xy * (dot(n, ray_v) / against)) * scale;
+  vec3 to_u = ray_u / float(SAMPLES), to_v = ray_v / float(SAMPLES);
+  vec2 du = t * (to_u.xy - d.xy * (dot(n, to_u) / against)) * scale;
+  vec2 dv = t * (to_v.xy - d.xy * (dot(n, to_v) / against)) * scale;
   return filtered(x, du, dv);
 }
 
-vec3 ray(vec2 uv) {
-  return vec3(push.ray_0[0], push.ray_0[1], push.ray_0[2]) + uv.x * vec3(push.ray_u[0], push.ray_u[1], push.ray_u[2]) +
-         uv.y * vec3(push.ray_v[0], push.ray_v[1], push.ray_v[2]);
+// The direction in which pixel uv looks. False where the lens shows nothing.
+bool ray(vec2 uv, out vec3 d) {
+  vec3 axis_u = vec3(push.ray_u[0], push.ray_u[1], push.ray_u[2]), axis_v = vec3(push.ray_v[0], push.ray_v[1], push.ray_v[2]);
+  if (LENS == ICLK_LENS_NONE) {
+    ray_u = axis_u;
+    ray_v = axis_v;
+    d = vec3(push.ray_0[0], push.ray_0[1], push.ray_0[2]) + uv.x * ray_u + uv.y * ray_v;
+    return true;
+  }
+  vec2 focal = vec2(push.lens[0], push.lens[1]), xy;
+  mat2 change;
+  bool seen = undistort((uv - vec2(push.lens[2], push.lens[3])) / focal, xy, change);
+  ray_u = (change[0].x * axis_u + change[0].y * axis_v) / focal.x;
+  ray_v = (change[1].x * axis_u + change[1].y * axis_v) / focal.y;
+  d = cross(axis_u, axis_v) + xy.x * axis_u + xy.y * axis_v;
+  return seen;
 }
 
 void main() {
@@ -179,11 +195,11 @@ void main() {
   uvec2 pixel = in_tile + uvec2(push.corner & 0xffffu, push.corner >> 16);
   uint at = pixel.y * (push.size & 0xffffu) + pixel.x;
 
-  vec3 d = ray(vec2(pixel));
-  float depth = meet(d);
+  vec3 d;
+  float depth = ray(vec2(pixel), d) ? meet(d) : 0.0;
   vec4 centre = depth > 0.0 ? shade(d, depth) : vec4(0.0);
   if (centre.a < 0.5) {
-    colours[at] = push.background;
+    colours[at] = levels.background;
     depths[at] = 0.0;
     return;
   }
@@ -192,8 +208,8 @@ void main() {
     sum = vec4(0.0);
     for (uint i = 0; i < SAMPLES * SAMPLES; ++i) {
       vec2 offset = (vec2(i % SAMPLES, i / SAMPLES) + 0.5) / float(SAMPLES) - 0.5;
-      vec3 d_i = ray(vec2(pixel) + offset);
-      float t = meet(d_i);
+      vec3 d_i;
+      float t = ray(vec2(pixel) + offset, d_i) ? meet(d_i) : 0.0;
       if (t > 0.0) sum += shade(d_i, t);
     }
     if (sum.a <= 0.0) sum = centre;

@@ -11,8 +11,14 @@ using uint = uint32_t;
 
 #define ICLK_RENDER_LEVELS 20
 
-// Loops of one invocation, all rays together: Mesa 22.3 ends every loop after 65,535 of them without a word.
+// Loops of one invocation, all rays together: Mesa 22.3 ends every loop after 65,535 of them without a word. Looks into the
+// mosaic take up to 4,160 of them and lenses 975.
 #define ICLK_RENDER_STEPS 60000
+
+// How a lens departs from the pinhole.
+#define ICLK_LENS_NONE 0
+#define ICLK_LENS_RADTAN 1
+#define ICLK_LENS_EQUIDISTANT 2
 
 // A cell without data never stops a ray.
 #define ICLK_RENDER_HOLE -1e30
@@ -28,26 +34,31 @@ struct RenderWindow {
 struct RenderLevels {
   RenderWindow relief[ICLK_RENDER_LEVELS];
   RenderWindow mosaic[ICLK_RENDER_LEVELS];
+  // The same for every view.
+  float cells_per_metre_x, cells_per_metre_y;
+  float texels_per_metre_x, texels_per_metre_y;
+  uint background;  // rgba8 where nothing is seen
+  uint unused0, unused1, unused2;
 };
 
 // One view, or a tile of one. Lengths in metres of the map; all positions are relative to the camera, so that single precision
 // suffices wherever the map lies.
 struct RenderPush {
-  // Direction of the ray through pixel (u, v), with 1 along the optical axis: its parameter is the z-depth.
-  float ray_u[3], ray_v[3], ray_0[3];  // direction = u ray_u + v ray_v + ray_0; x east, y north, z up
-  float height_high, height_low;       // of the camera; the sum is its height
-  float top;                           // no ground is higher
-  int cell_x, cell_y;                  // of the camera in the grid of heights, may lie outside
+  // Direction of the ray through pixel (u, v), with 1 along the optical axis: its parameter is the z-depth. direction = u ray_u
+  // + v ray_v + ray_0; x east, y north, z up. With a lens ray_u and ray_v are the camera's axes x and y instead, and ray_0 is
+  // not needed: it holds the lens's limit, p1, p2.
+  float ray_u[3], ray_v[3], ray_0[3];
+  float lens[8];                  // fx, fy, cx, cy, four radial coefficients; not read without a lens
+  float height_high, height_low;  // of the camera; the sum is its height
+  float top;                      // no ground is higher
+  int cell_x, cell_y;             // of the camera in the grid of heights, may lie outside
   float cell_fraction_x, cell_fraction_y;
-  float cells_per_metre_x, cells_per_metre_y;
   int texel_x, texel_y;                      // a texel near the camera that is the corner of one of the coarsest level
   float texel_fraction_x, texel_fraction_y;  // camera minus that texel, in texels
-  float texels_per_metre_x, texels_per_metre_y;
-  uint size;        // of the view: width | height << 16
-  uint corner;      // of the tile: x | y << 16
-  uint tile;        // width | height << 16
-  uint levels;      // coarsest of the heights | coarsest of the mosaic << 8 | finest of the mosaic << 16
-  uint background;  // rgba8 where nothing is seen
+  uint size;                                 // of the view: width | height << 16
+  uint corner;                               // of the tile: x | y << 16
+  uint tile;                                 // width | height << 16
+  uint levels;  // coarsest of the heights | coarsest of the mosaic << 8 | finest of the mosaic << 16
 };
 
 #ifdef __cplusplus

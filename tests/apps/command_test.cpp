@@ -164,6 +164,11 @@ TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
   folder.write("pairs.jsonl", R"({"reference": "a.png", "target": "b.png", "depth": "a_depth.png"})");
   save_model(tiny_model(), folder.path("model.safetensors"));
   write_terrain(folder);
+  folder.write("flight.txt", "0 500 500 150 1 0 0 0\n0.5 504 502 151 1 0.01 0 0\n");
+  folder.write("rig.yaml",
+               "cam0:\n  intrinsics: [114, 114, 93.5, 59.5]\n  resolution: [188, 120]\n"
+               "cam1:\n  intrinsics: [114, 114, 93.5, 59.5]\n  resolution: [188, 120]\n"
+               "  T_cn_cnm1: [1, 0, 0, -1.5, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]\n");
   std::filesystem::create_symlink(ICLK_COMMAND, folder.path("iclk"));
   int examples = 0;
   for (const std::vector<std::string>& command : std::vector<std::vector<std::string>>{

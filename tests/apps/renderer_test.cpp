@@ -295,6 +295,7 @@ TEST(Renderer, RecordsIntoForeignCommands) {
   TerrainRenderer renderer(test::device(), terrain);
   const Camera camera{60, 60, 31.5, 23.5, 64, 48};
   const SE3 poses[2] = {looking_down({50, 50, 140}), looking_down({40, 55, 130}, 0.3, 0.1)};
+  const Lens lenses[2] = {{}, Lens({Distortion::Model::radtan, {-0.2, 0.05, 0.001, 0}})};
   engine::MemoryPlan plan;
   std::vector<engine::BufferId> ids;
   for (int i = 0; i < 4; ++i)
@@ -305,12 +306,13 @@ TEST(Renderer, RecordsIntoForeignCommands) {
   engine::DescriptorArena arena(test::device(), size);
   engine::Submission submission(test::device());
   engine::Recorder recorder(submission, arena);
-  for (size_t i = 0; i < 2; ++i) renderer.record(recorder, camera, poses[i], memory[ids[2 * i]], memory[ids[2 * i + 1]]);
+  for (size_t i = 0; i < 2; ++i)
+    renderer.record(recorder, camera, poses[i], memory[ids[2 * i]], memory[ids[2 * i + 1]], lenses[i]);
   for (const engine::BufferId id : ids) recorder.host_read({&memory[id]});
   submission.end();
   submission.submit_and_wait();
   for (size_t i = 0; i < 2; ++i) {
-    const View view = renderer.render(camera, poses[i]);
+    const View view = renderer.render(camera, poses[i], lenses[i]);
     EXPECT_EQ(std::memcmp(view.rgba.data(), memory[ids[2 * i]].mapped, view.rgba.size() * 4), 0);
     EXPECT_EQ(std::memcmp(view.depth.data(), memory[ids[2 * i + 1]].mapped, view.depth.size() * 4), 0);
   }

@@ -1,0 +1,81 @@
+#include "apps/sets/flight_path.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <string>
+
+#include <iclk/engine/error.h>
+
+namespace iclk {
+namespace {
+
+constexpr double kLatest = 9e9;     // s, so that nanoseconds fit into 64 bits
+constexpr double kSameTime = 1e-6;  // s: what lists of files resolve
+constexpr uint64_t kMostFrames = 10000000;
+
+std::string number(double value) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%.12g", value);
+  return text;
+}
+
+/// A pose at a time, from those at two others; beyond them as well.
+StampedPose between(const StampedPose& a, const StampedPose& b, double time) {
+  const double s = (time - a.stamp) / (b.stamp - a.stamp);
+  const SE3 turn{a.T_wc.R.transpose() * b.T_wc.R, Eigen::Vector3d::Zero()};
+  return {time, {a.T_wc.R * SE3::exp(s * turn.log()).R, (1 - s) * a.T_wc.t + s * b.T_wc.t}};
+}
+
+}  // namespace
+
+FlightPath::FlightPath(std::vector<StampedPose> poses, const std::string& source) : poses_(std::move(poses)) {
+  const auto fail = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, source + ": " + why); };
+  if (poses_.empty()) fail("there is no pose: lines 'timestamp tx ty tz qx qy qz qw' are expected");
+  if (!(begin() >= 0) || !(end() < kLatest))
+    fail("times from " + number(begin()) + " to " + number(end()) + " s; 0 to " + number(kLatest) + " are possible");
+  for (size_t i = 1; i < poses_.size(); ++i)
+    if (!(poses_[i].stamp - poses_[i - 1].stamp >= kSameTime)) fail("two poses at " + number(poses_[i].stamp) + " s");
+}
+
+SE3 FlightPath::at(double time) const {
+  const auto after =
+      std::lower_bound(poses_.begin(), poses_.end(), time, [](const StampedPose& p, double t) { return p.stamp < t; });
+  if (after == poses_.end()) return poses_.back().T_wc;
+  if (after->stamp == time || after == poses_.begin()) return after->T_wc;
+  const auto before = after - 1;
+  const StampedPose line = between(*before, *after, time);
+  // Parabolas through three poses each, where there is a third, are blended.
+  StampedPose left = line, right = line;
+  if (before != poses_.begin()) {
+    const StampedPose outer = between(*(before - 1), *before, time);
+    left = between({(before - 1)->stamp, outer.T_wc}, {after->stamp, line.T_wc}, time);
+  }
+  if (after + 1 != poses_.end()) {
+    const StampedPose outer = between(*after, *(after + 1), time);
+    right = between({before->stamp, line.T_wc}, {(after + 1)->stamp, outer.T_wc}, time);
+  }
+  SE3 pose = between({before->stamp, left.T_wc}, {after->stamp, right.T_wc}, time).T_wc;
+  pose.orthonormalize();
+  return pose;
+}
+
+std::vector<double> FlightPath::times(double rate, double readout) const {
+  std::vector<double> all, kept;
+  if (rate > 0) {
+    const double count = (end() - begin()) * rate;
+    if (count > static_cast<double>(kMostFrames))
+      throw Error(ErrorCode::invalid_argument, number(count) + " frames at " + number(rate) + " a second are more than " +
+                                                   std::to_string(kMostFrames) + "; take a lower rate");
+    for (uint64_t k = 0; static_cast<double>(k) <= count + 1e-6; ++k)
+      all.push_back(std::min(begin() + static_cast<double>(k) / rate, end()));
+  } else {
+    for (const StampedPose& pose : poses_) all.push_back(pose.stamp);
+  }
+  for (const double t : all)
+    if (t - 0.5 * readout >= begin() - 1e-9 && t + 0.5 * readout <= end() + 1e-9) kept.push_back(t);
+  return kept;
+}
+
+}  // namespace iclk
