@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <iclk/shaders/shared.h>
 
@@ -78,52 +79,86 @@ bool peak(const Map& texture, int u, int v) {
   return true;
 }
 
-}  // namespace
-
-Features detect_features(const Map& grey, const ImageView& depth, const DepthNoise& noise, const DetectorSettings& settings) {
-  Features out;
+/// Per cell of a lattice the corners with the most texture, round by round; those that `admit` says are edges come last. Places
+/// near `taken` stay free.
+template <class Admit>
+std::vector<Eigen::Vector2d> pick(const Map& grey, int count, const DetectorSettings& settings,
+                                  std::vector<Eigen::Vector2d> taken, const Admit& admit) {
   const int w = grey.width, h = grey.height;
   const int border = std::max(ICLK_PATCH, std::min(settings.border, std::min(w, h) / 4));
-  if (w <= 2 * border || h <= 2 * border || settings.count < 1) return out;
+  if (w <= 2 * border || h <= 2 * border || count < 1) return {};
   const Map texture = texture_of(grey);
   const double inner_w = w - 2 * border, inner_h = h - 2 * border;
-  const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(settings.count * inner_w / inner_h))));
-  const int rows = std::max(1, settings.count / columns);
+  const int columns = std::max(1, static_cast<int>(std::lround(std::sqrt(count * inner_w / inner_h))));
+  const int rows = std::max(1, count / columns);
   std::vector<std::vector<Corner>> cells(static_cast<size_t>(columns) * static_cast<size_t>(rows));
   for (int v = border; v < h - border; ++v)
     for (int u = border; u < w - border; ++u) {
-      if (!(texture.at(u, v) > settings.texture) || depth_at(depth, u, v) == 0 || !peak(texture, u, v)) continue;
+      if (!(texture.at(u, v) > settings.texture)) continue;
+      const std::optional<bool> edge = admit(u, v);
+      if (!edge || !peak(texture, u, v)) continue;
       const auto column = static_cast<size_t>((u - border) * columns / (w - 2 * border));
       const auto row = static_cast<size_t>((v - border) * rows / (h - 2 * border));
-      cells[row * static_cast<size_t>(columns) + column].push_back(
-          {texture.at(u, v), u, v, !smooth(depth, u, v, settings.spread)});
+      cells[row * static_cast<size_t>(columns) + column].push_back({texture.at(u, v), u, v, *edge});
     }
   for (auto& cell : cells)
     std::stable_sort(cell.begin(), cell.end(),
                      [](const Corner& a, const Corner& b) { return a.edge != b.edge ? b.edge : a.texture > b.texture; });
   const auto is_free = [&](const Corner& c) {
-    return std::none_of(out.uv.begin(), out.uv.end(), [&](const Eigen::Vector2d& p) {
+    return std::none_of(taken.begin(), taken.end(), [&](const Eigen::Vector2d& p) {
       return std::max(std::abs(p.x() - c.u), std::abs(p.y() - c.v)) < settings.distance;
     });
   };
+  const size_t before = taken.size(), most = before + static_cast<size_t>(count);
   // A corner a cell and round; depth edges of a cell behind all others of every cell.
   for (const bool edges : {false, true})
-    for (bool found = true; found && out.size() < settings.count;) {
+    for (bool found = true; found && taken.size() < most;) {
       found = false;
       for (auto& cell : cells) {
-        if (out.size() == settings.count) break;
+        if (taken.size() == most) break;
         const auto next =
             std::find_if(cell.begin(), cell.end(), [&](const Corner& c) { return c.edge == edges && is_free(c); });
         if (next == cell.end()) continue;
         found = true;
-        const double q = 1 / depth_at(depth, next->u, next->v), sigma = noise.sigma(q);
-        out.uv.emplace_back(next->u, next->v);
-        out.inverse_depth.push_back(q);
-        if (sigma > 0) out.inverse_depth_sigma.push_back(sigma);
+        taken.emplace_back(next->u, next->v);
         cell.erase(next);
       }
     }
+  return {taken.begin() + static_cast<std::ptrdiff_t>(before), taken.end()};
+}
+
+/// Whether every pixel of the patch is seen.
+bool seen(const ImageView& mask, int u, int v) {
+  if (mask.empty()) return true;
+  for (int y = v - ICLK_PATCH_BEFORE; y < v - ICLK_PATCH_BEFORE + ICLK_PATCH; ++y)
+    for (int x = u - ICLK_PATCH_BEFORE; x < u - ICLK_PATCH_BEFORE + ICLK_PATCH; ++x)
+      if (mask.row(y)[x] == 0) return false;
+  return true;
+}
+
+}  // namespace
+
+Features detect_features(const Map& grey, const ImageView& depth, const DepthNoise& noise, const DetectorSettings& settings) {
+  Features out;
+  out.uv = pick(grey, settings.count, settings, {}, [&](int u, int v) -> std::optional<bool> {
+    if (depth_at(depth, u, v) == 0) return {};
+    return !smooth(depth, u, v, settings.spread);
+  });
+  for (const Eigen::Vector2d& uv : out.uv) {
+    const double q = 1 / depth_at(depth, static_cast<int>(uv.x()), static_cast<int>(uv.y())), sigma = noise.sigma(q);
+    out.inverse_depth.push_back(q);
+    if (sigma > 0) out.inverse_depth_sigma.push_back(sigma);
+  }
   return out;
+}
+
+std::vector<Eigen::Vector2d> detect_seeds(const Map& grey, const ImageView& depth, const ImageView& mask,
+                                          const std::vector<Eigen::Vector2d>& taken, int count,
+                                          const DetectorSettings& settings) {
+  return pick(grey, count, settings, taken, [&](int u, int v) -> std::optional<bool> {
+    if ((!depth.empty() && depth_at(depth, u, v) > 0) || !seen(mask, u, v)) return {};
+    return false;
+  });
 }
 
 }  // namespace iclk

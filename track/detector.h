@@ -1,4 +1,8 @@
 #pragma once
+#include <vector>
+
+#include <Eigen/Core>
+
 #include <iclk/align/features.h>
 #include <iclk/align/image.h>
 #include <iclk/align/pyramid.h>
@@ -25,5 +29,11 @@ struct DetectorSettings {
 /// there are enough. `grey` is level 0; `depth` r32f of the same size, 0 or NaN where there is none. Each gets the sensor's
 /// sigma where `noise` says one.
 Features detect_features(const Map& grey, const ImageView& depth, const DepthNoise& noise, const DetectorSettings& settings);
+
+/// As many more places with texture, in the same way, where no depth is known, away from those that are `taken`. `depth` and
+/// `mask` (r8, 0 where nothing is to be looked at) may be empty.
+std::vector<Eigen::Vector2d> detect_seeds(const Map& grey, const ImageView& depth, const ImageView& mask,
+                                          const std::vector<Eigen::Vector2d>& taken, int count,
+                                          const DetectorSettings& settings);
 
 }  // namespace iclk

@@ -8,6 +8,7 @@
 #include <iclk/align/aligner.h>
 #include <iclk/align/pyramid.h>
 #include <iclk/refine/refiner.h>
+#include <iclk/track/depth_filter.h>
 
 namespace iclk {
 
@@ -36,9 +37,16 @@ struct Keyframe {
   double sharpness = 0;
   SE3 T_WC;
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, while its rows were read, beyond what they were unrolled with
-  Features features;                               ///< inverse depths as they are known now
+  Features features;                               ///< inverse depths as they are known now; 0: not yet
   std::vector<double> measured, sigma;  ///< inverse depths as the sensor had them, and their standard deviations; 0: not known
-  FramePixels pixels;                   ///< later keyframes' features are looked for in them
+  bool with_depth = false;              ///< a sensor measured most of its features
+  /// A feature whose depth is not known yet.
+  struct Seed {
+    int feature = 0;
+    DepthFilter filter;
+  };
+  std::vector<Seed> seeds;
+  FramePixels pixels;  ///< later keyframes' features are looked for in them
   /// How it was found: by the alignment with another one.
   struct Origin {
     int keyframe = 0;
@@ -51,11 +59,13 @@ struct Keyframe {
   std::map<int, std::vector<AlignedFeature>> sightings;
 };
 
+/// Of the features whose depth is known; how many they are.
 double mean_inverse_depth(const Keyframe& keyframe);
+int known_features(const Keyframe& keyframe);
 
 /// What camera T_WC would see of a keyframe.
 struct Overlap {
-  double visible = 0;  ///< share of its features that lie in the image, a patch away from the border
+  double visible = 0;  ///< share of its features of known depth that lie in the image, a patch away from the border
   double flow = 0;     ///< px, mean motion of those features
 };
 Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC);

@@ -25,9 +25,14 @@ void archive(Stream& s, Keyframe::Origin& o) {
 }
 
 template <class Stream>
+void archive(Stream& s, Keyframe::Seed& seed) {
+  archive_all(s, seed.feature, seed.filter.mean, seed.filter.sigma, seed.filter.a, seed.filter.b, seed.filter.range);
+}
+
+template <class Stream>
 void archive(Stream& s, Keyframe& k) {
   archive_all(s, k.id, k.slot, k.time, k.sharpness, k.T_WC, k.turn, k.features.uv, k.features.inverse_depth,
-              k.features.inverse_depth_sigma, k.measured, k.sigma, k.pixels, k.origin, k.sightings);
+              k.features.inverse_depth_sigma, k.measured, k.sigma, k.with_depth, k.seeds, k.pixels, k.origin, k.sightings);
 }
 
 template <class Stream>
@@ -44,7 +49,7 @@ void archive(Stream& s, Tracker::Impl::Turned& t) {
 
 namespace {
 
-constexpr uint64_t kMagic = 0x31304b4c43494b54;  // changes with what a state holds
+constexpr uint64_t kMagic = 0x32304b4c43494b54;  // changes with what a state holds
 
 /// FNV-1a, 64 bits.
 uint64_t checksum(std::span<const uint8_t> bytes) {

@@ -3,8 +3,8 @@
 #include <chrono>
 #include <utility>
 
-#include <iclk/engine/error.h>
 #include <iclk/align/common/options_check.h>
+#include <iclk/engine/error.h>
 #include <iclk/track/internal/tracker_impl.h>
 
 namespace iclk {
@@ -14,6 +14,10 @@ using Clock = std::chrono::steady_clock;
 
 /// So little is left of a keyframe that a frame must become one, blurred or not.
 constexpr double kLittleVisible = 0.5;
+/// A frame without depth becomes a keyframe if features moved so much, as a share of the image's width, and if so few inliers,
+/// times min_inliers or of those visible, are left.
+constexpr double kSomeFlow = 0.03, kFewOfVisible = 0.5;
+constexpr int kFewInliers = 3;
 /// A frame that is so much sharper than its keyframe is the better one.
 constexpr double kMuchSharper = 1.3;
 
@@ -40,6 +44,7 @@ const char* name(TrackStatus status) {
 
 void TrackerOptions::check() const {
   check_range("features of a keyframe", detector.count, 10, 8192);
+  check_range("seeds of a keyframe", seeds, 0, 8192);
   check_range("keyframes", keyframes, 2, 4096);
   check_range("window", window, 1, 64);
   check_range("min_visible", min_visible, 0.1, 1);
@@ -53,7 +58,7 @@ void TrackerOptions::check() const {
 }
 
 Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
-  Plan plan{.width = camera.width, .height = camera.height, .max_features = options.detector.count};
+  Plan plan{.width = camera.width, .height = camera.height, .max_features = options.detector.count + options.seeds};
   plan.max_references = options.keyframes;
   plan.max_pairs = 2 * options.window;
   const bool masks = options.masks || options.readout != 0;  // unrolled images are not seen everywhere
@@ -74,35 +79,47 @@ void Tracker::Impl::set_reference(const Keyframe& k) {
                         {.image = k.pixels.frame(camera).image, .camera = camera, .features = k.features, .inverse_depth = {}});
 }
 
-/// Nothing where they are too few for a keyframe.
-std::optional<Features> Tracker::Impl::features_of(const TrackFrame& frame) const {
-  if (frame.depth.empty()) return {};
-  Features features = detect_features(grey_map(frame.image), frame.depth, options.depth_noise, options.detector);
-  if (features.size() < 2 * options.min_inliers) return {};
-  return features;
+/// Whether a map could begin with it.
+bool Tracker::Impl::can_begin(const TrackFrame& frame) const {
+  return !frame.depth.empty() &&
+         detect_features(grey_map(frame.image), frame.depth, options.depth_noise, options.detector).size() >=
+             2 * options.min_inliers;
 }
 
 bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
                                   TrackResult& result) {
   const auto start = Clock::now();
-  std::optional<Features> features = features_of(frame);
-  if (!features) return false;
+  const Map grey = grey_map(frame.image);
+  Features features;
+  if (!frame.depth.empty()) features = detect_features(grey, frame.depth, options.depth_noise, options.detector);
+  const int measured = features.size();
+  if (measured < 2 * options.min_inliers && (options.seeds == 0 || keyframes.empty())) return false;
+  std::vector<Neighbour> neighbours = neighbours_of(frame, T_WC);
+  // A sensor that has enough needs no help, and is better.
+  const bool help = options.seeds > 0 && measured < options.detector.count;
+  if (help) carry(frame, neighbours, options.detector.count - measured, features);
+  if (features.size() < 2 * options.min_inliers) return false;
   Keyframe& k = keyframes.add(frame.time, T_WC);
-  k.sharpness = sharpness(grey_map(frame.image));
+  k.sharpness = sharpness(grey);
   k.turn = turned ? Eigen::Vector3d(turned->turn - rate * options.readout) : Eigen::Vector3d::Zero();
   k.origin = origin;
-  k.features = std::move(*features);
+  k.with_depth = 2 * measured >= features.size();
+  k.features = std::move(features);
+  if (help) sow(k, grey, frame, options.detector.count + options.seeds - k.features.size());
   k.measured = k.features.inverse_depth;
   k.sigma = k.features.inverse_depth_sigma;
   k.sigma.resize(k.measured.size());
   k.pixels.keep(frame);
   k.pixels.depth.clear();  // its features have what is needed
   set_reference(k);
-  connect(k);
+  connect(k, neighbours);
   result.keyframe_ms = milliseconds_since(start);
   const auto bundle_start = Clock::now();
   adjust_window();
   result.bundle_ms = milliseconds_since(bundle_start);
+  const auto seeds_start = Clock::now();
+  look_back(k, neighbours);
+  result.keyframe_ms += milliseconds_since(seeds_start);
   current = k.id;
   result.status = TrackStatus::keyframe;
   result.keyframe = k.id;
@@ -180,7 +197,7 @@ TrackResult Tracker::track(const TrackFrame& given) {
     result.reason =
         "not found from where it was expected, nor by a search among " + std::to_string(m.keyframes.size()) + " keyframes";
     m.lose();
-    if (++m.frames_lost > m.frames_tracked && m.features_of(frame)) {
+    if (++m.frames_lost > m.frames_tracked && m.can_begin(frame)) {
       m.keyframes.forget();
       result.map = ++m.map;
       m.begin(frame, result);
@@ -188,7 +205,7 @@ TrackResult Tracker::track(const TrackFrame& given) {
     return result;
   }
   const RefinedAlignment& a = found->alignment;
-  const Keyframe& k = *m.keyframes.find(found->keyframe);
+  Keyframe& k = *m.keyframes.find(found->keyframe);
   m.current = k.id;
   result.status = TrackStatus::tracked;
   result.confirmed = found->confirmed;
@@ -198,7 +215,7 @@ TrackResult Tracker::track(const TrackFrame& given) {
   result.T_WC = k.T_WC * a.T_10.inverse();
   result.T_WC.orthonormalize();
   result.covariance = a.covariance;
-  result.features = k.features.size();
+  result.features = known_features(k);
   result.visible = a.visible;
   result.inliers = a.inliers;
   result.sigma = a.sigma;
@@ -207,10 +224,19 @@ TrackResult Tracker::track(const TrackFrame& given) {
   const Keyframe::Origin origin{k.id, a.T_10, found->confirmed, a.covariance};
   const Overlap seen = overlap(m.camera, k, result.T_WC);
   const bool little = seen.visible < kLittleVisible;
-  if (little || !found->confirmed || seen.visible < m.options.min_visible || seen.flow > m.options.max_flow * m.camera.width) {
+  // A sensor's depths are better than those by motion; without them features can only be carried over while they are found.
+  const bool few = a.inliers < kFewInliers * m.options.min_inliers || a.inliers < kFewOfVisible * a.visible;
+  const bool renew = seen.flow > kSomeFlow * m.camera.width && (frame.depth.empty() ? few : !k.with_depth);
+  if (little || renew || !found->confirmed || seen.visible < m.options.min_visible ||
+      seen.flow > m.options.max_flow * m.camera.width) {
     const double ratio = sharpness(grey_map(frame.image)) / k.sharpness;
     if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper))
       m.make_keyframe(frame, result.T_WC, origin, result);
+  }
+  if (result.status == TrackStatus::tracked && found->confirmed) {
+    const auto seeds_start = Clock::now();
+    m.look(k, frame, a);
+    result.keyframe_ms += milliseconds_since(seeds_start);
   }
   if (!m.lost) {
     m.velocity = m.last->T_WC.inverse() * result.T_WC;

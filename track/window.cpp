@@ -20,25 +20,37 @@ Matrix6d edge_covariance(const Keyframe::Origin& origin, const Keyframe& from) {
 
 }  // namespace
 
-void Tracker::Impl::connect(Keyframe& k) {
-  std::vector<int> others;
-  for (const int id : keyframes.best(camera, k.T_WC, static_cast<size_t>(options.window) + 1, 0.3))
-    if (id != k.id && others.size() < static_cast<size_t>(options.window)) others.push_back(id);
+std::vector<Tracker::Impl::Neighbour> Tracker::Impl::neighbours_of(const TrackFrame& frame, const SE3& T_WC) {
+  std::vector<Neighbour> out;
   std::vector<Pair> pairs;
-  const auto add = [&](const Keyframe& reference, const Keyframe& target) {
-    const TrackFrame frame = target.pixels.frame(camera);
-    pairs.push_back(pair_with(reference.id, frame, target.T_WC, false));
-  };
-  for (const int id : others) {
-    add(*keyframes.find(id), k);
-    add(k, *keyframes.find(id));
+  // The one that leaves for the new one is none of them.
+  const int leaves = keyframes.size() == options.keyframes ? keyframes.all().begin()->first : -1;
+  for (const int id : keyframes.best(camera, T_WC, static_cast<size_t>(options.window) + 1, 0.3)) {
+    if (id == leaves || out.size() == static_cast<size_t>(options.window)) continue;
+    out.push_back({id, {}, {}});
+    pairs.push_back(pair_with(id, frame, T_WC, false));
   }
-  if (pairs.empty()) return;
+  if (pairs.empty()) return out;
   std::vector<RefinedAlignment> found = refiner.align(pairs);
-  for (size_t i = 0; i < others.size(); ++i) {
-    RefinedAlignment &there = found[2 * i], &back = found[2 * i + 1];
-    if (confirmed(there)) keyframes.find(others[i])->sightings[k.id] = std::move(there.features);
-    if (confirmed(back)) k.sightings[others[i]] = std::move(back.features);
+  for (size_t i = 0; i < out.size(); ++i) out[i].there = std::move(found[i]);
+  return out;
+}
+
+void Tracker::Impl::connect(Keyframe& k, std::vector<Neighbour>& neighbours) {
+  if (neighbours.empty()) return;
+  std::vector<Pair> pairs;
+  std::vector<TrackFrame> frames;
+  for (const Neighbour& n : neighbours) {
+    const Keyframe& other = *keyframes.find(n.id);
+    frames.push_back(other.pixels.frame(camera));
+    pairs.push_back(pair_with(k.id, frames.back(), other.T_WC, false));
+  }
+  std::vector<RefinedAlignment> found = refiner.align(pairs);
+  for (size_t i = 0; i < neighbours.size(); ++i) {
+    Neighbour& n = neighbours[i];
+    n.back = std::move(found[i]);
+    if (confirmed(n.there)) keyframes.find(n.id)->sightings[k.id] = n.there.features;
+    if (confirmed(n.back)) k.sightings[n.id] = n.back.features;
   }
 }
 

@@ -111,8 +111,22 @@ void add_track(CLI::App& app) {
   command->add_option("--rate", frames.rate, "Frames a second, where neither lists nor names of files hold times")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
+  command
+      ->add_option("--depth-every", frames.depth_every,
+                   "Use the depth of one frame of so many, the first of them; 0: of the first alone")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber);
+  command->add_option("--depth-holes", frames.depth_holes, "Take this share of every depth image away, in squares drawn anew")
+      ->capture_default_str()
+      ->check(CLI::Range(0.0, 1.0));
   command->option_defaults()->group("Tracking");
   command->add_option("--count", tracker.detector.count, "Features a keyframe")->capture_default_str();
+  command
+      ->add_option(
+          "--seeds", tracker.seeds,
+          "Features more a keyframe, where no depth is known: the frames that follow tell it; 0: none, and no keyframes "
+          "of frames without depth")
+      ->capture_default_str();
   command->add_option("--keyframes", tracker.keyframes, "Keyframes that are held; the oldest leave")->capture_default_str();
   command->add_option("--window", tracker.window, "Newest keyframes that are adjusted together")->capture_default_str();
   command

@@ -1,5 +1,8 @@
 #include "apps/track/frames.h"
 
+#include <algorithm>
+#include <random>
+
 #include <fmt/format.h>
 
 #include <iclk/engine/error.h>
@@ -16,9 +19,19 @@ Sequence load_recording(const FramesOptions& options) {
   return euroc ? load_euroc_sequence(*euroc) : load_sequence(options.folder, {.rate = options.rate});
 }
 
+/// Takes squares away, drawn anew for every frame.
+void cut_holes(cv::Mat& depth, double share, int frame) {
+  constexpr int kSquare = 64;  // px
+  std::mt19937 random(static_cast<uint32_t>(frame));
+  for (int v = 0; v < depth.rows; v += kSquare)
+    for (int u = 0; u < depth.cols; u += kSquare)
+      if (random() < share * 4294967296.0)
+        depth(cv::Rect(u, v, std::min(kSquare, depth.cols - u), std::min(kSquare, depth.rows - v))) = 0;
+}
+
 }  // namespace
 
-RecordedFrames::RecordedFrames(const FramesOptions& options) : sequence_(load_recording(options)) {
+RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options), sequence_(load_recording(options)) {
   if (!options.camera && !sequence_.camera && !sequence_.rig)
     throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
   if (sequence_.rig && (options.camera || options.distortion))
@@ -72,16 +85,18 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
   if (stereo_) {
     cv::Mat left = pixels_.image, right;
     if (left.empty()) return pixels_;
-    attempt([&] { return load_image(f.right); }, f.right, right);
+    if (has_depth(i)) attempt([&] { return load_image(f.right); }, f.right, right);
     pixels_.image = stereo_->rectified(left);
     if (!right.empty()) pixels_.depth = stereo_->depth(pixels_.image, right);
+    if (!pixels_.depth.empty()) cut_holes(pixels_.depth, options_.depth_holes, i);
     return pixels_;
   }
-  if (!f.depth.empty()) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, pixels_.depth);
+  if (!f.depth.empty() && has_depth(i)) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, pixels_.depth);
   if (masks()) {
     if (!pixels_.image.empty()) pixels_.image = undistorter_->image(pixels_.image);
     if (!pixels_.depth.empty()) pixels_.depth = undistorter_->depth(pixels_.depth);
   }
+  if (!pixels_.depth.empty()) cut_holes(pixels_.depth, options_.depth_holes, i);
   return pixels_;
 }
 

@@ -22,6 +22,8 @@ struct FramesOptions {
   double depth_scale = 0;                ///< 0: the camera file's
   double rate = 30;                      ///< frames a second, where the recording has no times
   int first = 0, count = 0, stride = 1;  ///< frames: from, at most (0: all), every so many
+  int depth_every = 1;                   ///< of so many frames that are tracked one has its depth; 0: the first alone
+  double depth_holes = 0;                ///< share of every depth image that is taken away, to see what is done without
 };
 
 /// A recording's frames, read one at a time, undistorted.
@@ -55,7 +57,9 @@ class RecordedFrames {
  private:
   const SequenceFrame& frame(int i) const { return sequence_.frames[chosen_[static_cast<size_t>(i)]]; }
   void check_size(const cv::Mat& image, const std::string& path) const;
+  bool has_depth(int i) const { return options_.depth_every > 0 ? i % options_.depth_every == 0 : i == 0; }
 
+  FramesOptions options_;
   Sequence sequence_;
   std::vector<size_t> chosen_;
   int doubled_ = 0;

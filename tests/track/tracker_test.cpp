@@ -201,7 +201,9 @@ TEST(Tracker, AFrozenCameraStays) {
 
 TEST(Tracker, FramesWithoutDepthAreTracked) {
   ICLK_NEED_DEVICE();
-  Tracking t;
+  TrackerOptions options = options_for();
+  options.seeds = 0;
+  Tracking t(options);
   TrackFrame blind = Flight::get().frame(0);
   blind.depth = {};
   const TrackResult none = t.track(blind);
@@ -215,6 +217,42 @@ TEST(Tracker, FramesWithoutDepthAreTracked) {
     EXPECT_EQ(r.status, TrackStatus::tracked) << r.reason;  // and never a keyframe
     EXPECT_LT(t.error(r, i, 1), 0.1);
   }
+}
+
+TEST(Tracker, DepthOfTheFirstFrameIsEnough) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  int by_motion = 0;
+  for (int i = 0; i < kFrames; ++i) {
+    TrackFrame frame = Flight::get().frame(i);
+    if (i > 0) frame.depth = {};
+    const TrackResult r = t.track(frame);
+    ASSERT_NE(r.status, TrackStatus::lost) << i << ": " << r.reason;
+    EXPECT_TRUE(r.confirmed) << i;
+    EXPECT_LT(t.error(r, i), 0.6) << i;
+    by_motion += i > 0 && r.status == TrackStatus::keyframe;
+  }
+  EXPECT_GE(by_motion, 3);
+  // Seeds became features: more than were carried over from the first keyframe, in places that it did not see.
+  int beyond = 0;
+  std::vector<double> errors;
+  const Keyframe& last = t.tracker.keyframes().all().rbegin()->second;
+  const SE3& origin = Flight::get().truth[0];
+  const auto frame = static_cast<size_t>(std::lround(last.time / 0.1));
+  for (size_t i = 0; i < last.features.uv.size(); ++i) {
+    const double q = last.features.inverse_depth[i];
+    if (!(q > 0)) continue;
+    const Eigen::Vector2d& uv = last.features.uv[i];
+    const Eigen::Vector3d X = Flight::get().truth[frame] * (Flight::get().camera.ray(uv) / q);
+    beyond += !Flight::get().camera.contains(Flight::get().camera.project(origin.inverse() * X));
+    const View& view = Flight::get().views[frame];
+    const double z = view.depth[static_cast<size_t>(320 * std::lround(uv.y()) + std::lround(uv.x()))];
+    errors.push_back(std::abs(q * z - 1));
+  }
+  EXPECT_GT(beyond, 20);
+  std::sort(errors.begin(), errors.end());
+  EXPECT_LT(errors[errors.size() / 2], 0.01);
+  EXPECT_LT(errors[errors.size() * 9 / 10], 0.03);
 }
 
 TEST(Tracker, MemoryIsBounded) {
@@ -238,16 +276,24 @@ TEST(Tracker, MemoryIsBounded) {
 TEST(Tracker, AStateGoesOnToTheBit) {
   ICLK_NEED_DEVICE();
   Tracking whole, stopped, next;
+  const auto frame = [](int i) {  // every other one without depth: seeds are part of a state
+    TrackFrame out = Flight::get().frame(i);
+    if (i % 4 > 0) out.depth = {};
+    return out;
+  };
   for (int i = 0; i < 8; ++i) {
-    whole.track(i);
-    stopped.track(i);
+    whole.track(frame(i));
+    stopped.track(frame(i));
   }
+  size_t seeds = 0;
+  for (const auto& [id, k] : stopped.tracker.keyframes().all()) seeds += k.seeds.size();
+  EXPECT_GT(seeds, 20u);
   const std::vector<uint8_t> state = stopped.tracker.state();
   EXPECT_EQ(whole.tracker.state(), state);
   next.tracker.restore(state);
   EXPECT_EQ(next.tracker.state(), state);
   for (int i = 8; i < 14; ++i) {
-    const TrackResult a = whole.track(i), b = next.track(i);
+    const TrackResult a = whole.track(frame(i)), b = next.track(frame(i));
     EXPECT_EQ(a.status, b.status);
     EXPECT_EQ(a.T_WC.matrix(), b.T_WC.matrix()) << i;
     EXPECT_EQ(a.covariance, b.covariance) << i;

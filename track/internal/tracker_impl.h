@@ -1,6 +1,6 @@
 #pragma once
 // State of a Tracker: track() and keyframes (tracker.cpp), where a frame is (find_pose.cpp), keyframes together (window.cpp),
-// rolling shutters (turning.cpp).
+// rolling shutters (turning.cpp), depths by motion (seeds.cpp).
 #include <optional>
 
 #include <iclk/track/rolling_shutter.h>
@@ -18,6 +18,11 @@ struct Tracker::Impl {
   struct Last {
     double time = 0;
     SE3 T_WC;
+  };
+  /// A keyframe near a new one, and how they were aligned: `there` is the new one's frame with that one, `back` the other way.
+  struct Neighbour {
+    int id = 0;
+    RefinedAlignment there, back;
   };
 
   Impl(Aligner& aligner, const Camera& camera, const TrackerOptions& options);
@@ -43,15 +48,28 @@ struct Tracker::Impl {
   void learn_readout(const Found& found, double time, const SE3& T_WC);
 
   // tracker.cpp
-  std::optional<Features> features_of(const TrackFrame& frame) const;
+  bool can_begin(const TrackFrame& frame) const;
   void begin(const TrackFrame& frame, TrackResult& result);
   void lose();
   bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
                      TrackResult& result);
   void set_reference(const Keyframe& k);
 
+  // seeds.cpp
+  /// Adds features of the neighbours that were found in the frame, where it has no depth and no feature yet.
+  void carry(const TrackFrame& frame, const std::vector<Neighbour>& neighbours, int most, Features& to) const;
+  void sow(Keyframe& k, const Map& grey, const TrackFrame& frame, int most);
+  /// Looks for the seeds of a keyframe, whose pyramid is `f0`, in another image.
+  void sight(Keyframe& k, const Pyramid& f0, const Pyramid& f1, const SE3& T_10, const Matrix6d& covariance);
+  /// Makes features of the seeds that are known by now, if there are so many. How many became features.
+  int harvest(Keyframe& k, int least);
+  Pyramid pyramid(const TrackFrame& frame) const;
+  void look_back(Keyframe& k, const std::vector<Neighbour>& neighbours);
+  void look(Keyframe& k, const TrackFrame& frame, const RefinedAlignment& a);
+
   // window.cpp
-  void connect(Keyframe& k);
+  std::vector<Neighbour> neighbours_of(const TrackFrame& frame, const SE3& T_WC);
+  void connect(Keyframe& k, std::vector<Neighbour>& neighbours);
   void adjust_window();
 
   Aligner& aligner;
@@ -74,7 +92,9 @@ struct Tracker::Impl {
     double sigma = 0;
   };
   std::optional<Turned> turned;
-  FramePixels flat;  ///< the frame at hand, unrolled
+  FramePixels flat;    ///< the frame at hand, unrolled
+  int looked_at = -1;  ///< keyframe whose pyramid this is: kept from frame to frame
+  Pyramid looked_pyramid;
   ReadoutEstimate readout;
   bool lost = false;
   int map = 0;
