@@ -27,7 +27,7 @@ const char* const kFooter =
     "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or\n"
     "depths whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. Or it is\n"
     "a stereo recording in EuRoC's layout (cam0, cam1 with data.csv and sensor.yaml; mav0): the rectified pairs give the\n"
-    "depth, and the camera is the rectified left one. With\n"
+    "depth, and the camera is the rectified left one. Or it is a video file, with --camera and --depth. With\n"
     "groundtruth.txt the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT\n"
     "beside it. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
     "\n"
@@ -41,6 +41,12 @@ const char* const kFooter =
     "  iclk track recording --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633 --out tracked\n"
     "  iclk track recording --readout auto --out tracked            # a phone's, a Kinect's: rows are read one by one\n"
     "  iclk track recording --model sd6dof-small --stride 2\n"
+    "  iclk track recording --depth first.png --out tracked           # depth of the first frame; the rest by motion\n"
+    "  iclk track video.mp4 --camera 517.3,516.5,318.6,255.3 --depth depths --depth-scale 5000 --out tracked\n"
+    "\n"
+    "A frame without depth becomes a keyframe as well: features of others are carried over, and what is new (--seeds) is\n"
+    "looked for along its epipolar lines, frame by frame, until a filter is sure of its depth. That needs a camera that\n"
+    "moves: of one that only turns, no depth can be found, and the frames are said to be lost.\n"
     "\n";
 
 void run_track(const TrackCommand& command) {
@@ -49,6 +55,7 @@ void run_track(const TrackCommand& command) {
   if (!command.distortion.empty()) options.frames.distortion = parse_distortion(command.distortion);
   options.solver = parse_solver(command.solver);
   RecordedFrames frames(options.frames);
+  if (!frames.problem().empty()) spdlog::warn("{}", frames.problem());
   std::string noise = command.depth_sigma;
   if (noise.empty())
     noise = frames.stereo() ? fmt::format("stereo:{},{}", kStereoSigma, frames.stereo()->baseline()) : "structured-light";
@@ -91,11 +98,20 @@ void add_track(CLI::App& app) {
   TrackRunOptions& run = options->run;
   FramesOptions& frames = run.frames;
   TrackerOptions& tracker = run.tracker;
-  command->add_option("FOLDER", frames.folder, "Recording: images with depth")->required()->check(not_empty)->type_name("DIR");
+  command->add_option("FOLDER", frames.folder, "Recording: images with depth, or a video")
+      ->required()
+      ->check(not_empty)
+      ->type_name("DIR|VIDEO");
   command->option_defaults()->group("Input");
   command->add_option("--camera", options->camera, "fx,fy,cx,cy[,width,height] or a file, as of align; default: FOLDER's");
   command->add_option("--distortion", options->distortion,
                       "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's");
+  command
+      ->add_option(
+          "--depth", frames.depth,
+          "Depth in place of FOLDER's: a folder of depth images, in order one a frame from the first on, as far as they "
+          "go; or the first frame's depth image")
+      ->check(CLI::ExistingPath);
   command->add_option("--depth-scale", frames.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
   command->add_option("--depth-sigma", options->depth_sigma,
                       "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%; "
@@ -108,7 +124,8 @@ void add_track(CLI::App& app) {
   command->add_option("--stride", frames.stride, "Take every so many frames")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
-  command->add_option("--rate", frames.rate, "Frames a second, where neither lists nor names of files hold times")
+  command
+      ->add_option("--rate,--fps", frames.rate, "Frames a second, where neither lists, names of files nor the video hold times")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
   command

@@ -107,6 +107,7 @@ std::string type_name(const cv::Mat& image) {
 
 void prepare_opencv() {
   setenv("OPENCV_IO_ENABLE_OPENEXR", "1", 1);
+  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
 }
 

@@ -14,7 +14,8 @@ namespace iclk {
 /// The default of --max-pixels: a file of a megabyte may hold 10000x10000 pixels, and a gigabyte of memory.
 inline constexpr uint64_t kMaxPixels = uint64_t{8192} * 8192;
 
-/// Once, at the start of a program, before any thread: lets OpenCV read EXR and keeps its own log off the terminal.
+/// Once, at the start of a program, before any thread: lets OpenCV read EXR and keeps its own log and its decoders' off the
+/// terminal.
 void prepare_opencv();
 
 /// An image as its file has it: 1 channel or 3 of 8 or 16 bit (BGR), or of 32-bit float (RGB, taken as they are). Alpha is

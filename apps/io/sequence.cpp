@@ -106,13 +106,14 @@ std::optional<double> time_of(const std::string& stem) {
 }
 
 /// Image and depth in two folders, by their names.
-void list_folders(const fs::path& root, double rate, Sequence& sequence) {
+void list_folders(const fs::path& root, const SequenceOptions& options, Sequence& sequence) {
   const auto images = first_folder(root, {"rgb", "color", "images", "image"}), depths = first_folder(root, {"depth", "depths"});
-  if (!images || !depths)
+  if (!images || (!depths && options.need_depth))
     throw Error(ErrorCode::io, "no " + (root / "rgb.txt").string() +
                                    ", and no folders rgb (or color, images, image) and depth (or depths) in its place");
   std::map<std::string, std::string> depth_of;
-  for (const fs::path& file : list_files(*depths)) depth_of[file.stem().string()] = file.string();
+  if (depths)
+    for (const fs::path& file : list_files(*depths)) depth_of[file.stem().string()] = file.string();
   const std::vector<fs::path> files = list_files(*images);
   if (files.empty()) throw Error(ErrorCode::invalid_argument, images->string() + " has no image");
   bool timed = true, any_depth = false;
@@ -121,22 +122,24 @@ void list_folders(const fs::path& root, double rate, Sequence& sequence) {
     const std::string stem = files[i].stem().string();
     const auto depth = depth_of.find(stem);
     any_depth = any_depth || depth != depth_of.end();
-    sequence.frames.push_back({timed ? *time_of(stem) : static_cast<double>(i) / rate,
+    sequence.frames.push_back({timed ? *time_of(stem) : static_cast<double>(i) / options.rate,
                                files[i].string(),
                                depth == depth_of.end() ? "" : depth->second,
                                {},
                                {}});
   }
-  if (!any_depth)
+  if (!any_depth && options.need_depth)
     throw Error(ErrorCode::invalid_argument, "no file of " + depths->string() + " is named as one of " + images->string() +
                                                  ", as " + files[0].stem().string() + " is");
   std::stable_sort(sequence.frames.begin(), sequence.frames.end(),
                    [](const auto& a, const auto& b) { return a.stamp < b.stamp; });
 }
 
-void list_tum(const fs::path& root, double max_difference, Sequence& sequence) {
-  const std::vector<StampedFile> images = load_list(root, "rgb.txt"), depths = load_list(root, "depth.txt");
-  const std::vector<int> match = associate(images, depths, max_difference);
+void list_tum(const fs::path& root, const SequenceOptions& options, Sequence& sequence) {
+  const std::vector<StampedFile> images = load_list(root, "rgb.txt");
+  std::vector<StampedFile> depths;
+  if (options.need_depth || fs::exists(root / "depth.txt")) depths = load_list(root, "depth.txt");
+  const std::vector<int> match = associate(images, depths, options.max_difference);
   for (size_t i = 0; i < images.size(); ++i)
     sequence.frames.push_back(
         {images[i].stamp, images[i].path, match[i] < 0 ? "" : depths[static_cast<size_t>(match[i])].path, {}, {}});
@@ -160,9 +163,9 @@ Sequence load_sequence(const std::string& folder, const SequenceOptions& options
   Sequence sequence;
   sequence.folder = folder;
   if (fs::exists(root / "rgb.txt") || !fs::is_directory(root))
-    list_tum(root, options.max_difference, sequence);
+    list_tum(root, options, sequence);
   else
-    list_folders(root, options.rate, sequence);
+    list_folders(root, options, sequence);
   std::vector<StampedPose> truth;
   if (fs::exists(root / "groundtruth.txt")) truth = load_trajectory((root / "groundtruth.txt").string());
   if (fs::exists(root / "camera.txt")) sequence.camera = load_camera((root / "camera.txt").string());

@@ -33,6 +33,7 @@ std::vector<std::filesystem::path> list_files(const std::filesystem::path& folde
 struct SequenceOptions {
   double max_difference = 0.04;  ///< s, between an image and its depth
   double rate = 30;              ///< frames a second, where names hold no times
+  bool need_depth = true;        ///< else a recording without depth is one, too
 };
 
 /// A folder in the TUM RGB-D layout (rgb.txt, depth.txt): image and depth are paired by time, nearest first, each used once.

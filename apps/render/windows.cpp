@@ -37,25 +37,26 @@ std::optional<PixelBox> pinhole_box(const Camera& camera, const Lens& lens, cons
   const auto take = [&](const Eigen::Vector2d& at) {
     box = {std::min(box.u0, at.x()), std::min(box.v0, at.y()), std::max(box.u1, at.x()), std::max(box.v1, at.y())};
   };
-  std::vector<std::optional<Eigen::Vector2d>> above(static_cast<size_t>(pixels.width) + 2);
+  const Eigen::Vector2d none = Eigen::Vector2d::Constant(std::nan(""));  // not seen
+  std::vector<Eigen::Vector2d> above(static_cast<size_t>(pixels.width) + 2, none);
   const auto inside = [&](int u, int v) {
     return u >= pixels.x && v >= pixels.y && u < pixels.x + pixels.width && v < pixels.y + pixels.height;
   };
   // One pixel more on every side, so that there is a neighbour behind each edge.
   for (int v = pixels.y - 1; v <= pixels.y + pixels.height; ++v) {
-    std::optional<Eigen::Vector2d> left;
+    Eigen::Vector2d left = none;
     for (int u = pixels.x - 1; u <= pixels.x + pixels.width; ++u) {
-      std::optional<Eigen::Vector2d>& up = above[static_cast<size_t>(u - pixels.x + 1)];
-      const auto at = pinhole_pixel(camera, lens, {u, v});
-      const auto edges = [&](const std::optional<Eigen::Vector2d>& neighbour, bool neighbour_inside) {
-        if (!at || !neighbour) return;
-        const Eigen::Vector2d step = beyond * (*at - *neighbour);
-        if (inside(u, v)) take(*at + step), take(*at - step);
-        if (neighbour_inside) take(*neighbour + step), take(*neighbour - step);
+      Eigen::Vector2d& up = above[static_cast<size_t>(u - pixels.x + 1)];
+      const Eigen::Vector2d at = pinhole_pixel(camera, lens, {u, v}).value_or(none);
+      const auto edges = [&](const Eigen::Vector2d& neighbour, bool neighbour_inside) {
+        const Eigen::Vector2d step = beyond * (at - neighbour);
+        if (!step.allFinite()) return;
+        if (inside(u, v)) take(at + step), take(at - step);
+        if (neighbour_inside) take(neighbour + step), take(neighbour - step);
       };
       edges(left, inside(u - 1, v));
       edges(up, inside(u, v - 1));
-      if (at && inside(u, v)) take(*at);
+      if (at.allFinite() && inside(u, v)) take(at);
       left = up = at;
     }
   }

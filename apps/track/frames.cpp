@@ -1,6 +1,7 @@
 #include "apps/track/frames.h"
 
 #include <algorithm>
+#include <filesystem>
 #include <random>
 
 #include <fmt/format.h>
@@ -14,11 +15,6 @@ namespace iclk {
 
 namespace {
 
-Sequence load_recording(const FramesOptions& options) {
-  const auto euroc = euroc_root(options.folder);
-  return euroc ? load_euroc_sequence(*euroc) : load_sequence(options.folder, {.rate = options.rate});
-}
-
 /// Takes squares away, drawn anew for every frame.
 void cut_holes(cv::Mat& depth, double share, int frame) {
   constexpr int kSquare = 64;  // px
@@ -31,9 +27,44 @@ void cut_holes(cv::Mat& depth, double share, int frame) {
 
 }  // namespace
 
-RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options), sequence_(load_recording(options)) {
+void RecordedFrames::load(const FramesOptions& options) {
+  if (std::filesystem::is_regular_file(options.folder)) {
+    video_.emplace(options.folder);
+    problem_ = video_->problem();
+    for (int i = 0; i < video_->size(); ++i)
+      sequence_.frames.push_back(
+          {video_->times().empty() ? i / options.rate : video_->times()[static_cast<size_t>(i)], options.folder, {}, {}, {}});
+    if (options.depth.empty())
+      throw Error(ErrorCode::invalid_argument, options.folder + " is a video, which has no depth: give --depth");
+  } else if (const auto euroc = euroc_root(options.folder)) {
+    sequence_ = load_euroc_sequence(*euroc);
+  } else {
+    sequence_ = load_sequence(options.folder, {.rate = options.rate, .need_depth = options.depth.empty()});
+  }
+}
+
+/// In place of the recording's.
+void RecordedFrames::give_depth() {
+  if (options_.depth.empty()) return;
+  if (sequence_.rig)
+    throw Error(ErrorCode::invalid_argument,
+                options_.folder + " is a stereo recording, whose pairs give the depth: no --depth");
+  for (SequenceFrame& f : sequence_.frames) f.depth.clear();
+  if (!std::filesystem::is_directory(options_.depth)) {
+    sequence_.frames[chosen_[0]].depth = options_.depth;
+    return;
+  }
+  const auto files = list_files(options_.depth);
+  if (files.empty() || files.size() > sequence_.frames.size())
+    throw Error(ErrorCode::invalid_argument, fmt::format("{} has {} depth images, {} has {} frames", options_.depth,
+                                                         files.size(), options_.folder, sequence_.frames.size()));
+  for (size_t i = 0; i < files.size(); ++i) sequence_.frames[i].depth = files[i].string();
+}
+
+RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options) {
+  load(options);
   if (!options.camera && !sequence_.camera && !sequence_.rig)
-    throw Error(ErrorCode::io, options.folder + " has no camera.txt: give --camera");
+    throw Error(ErrorCode::io, options.folder + (video_ ? " is a video" : " has no camera.txt") + ": give --camera");
   if (sequence_.rig && (options.camera || options.distortion))
     throw Error(ErrorCode::invalid_argument,
                 options.folder + " is a stereo recording with sensor.yaml: --camera and --distortion do not go with it");
@@ -51,7 +82,8 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
   if (chosen_.empty())
     throw Error(ErrorCode::invalid_argument, options.folder + " has " + std::to_string(end) + " frames, none of them from " +
                                                  std::to_string(options.first) + " on");
-  const cv::Mat first = load_image(frame(0).image);
+  give_depth();
+  const cv::Mat first = image_of(0);
   if (sequence_.rig) {
     stereo_.emplace(*sequence_.rig, first.cols, first.rows);
     camera_ = stereo_->camera();
@@ -61,6 +93,10 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
   }
   camera_ = fit_camera(file, first.cols, first.rows);
   undistorter_.emplace(camera_, distortion_);
+}
+
+cv::Mat RecordedFrames::image_of(int i) {
+  return video_ ? video_->read(static_cast<int>(chosen_[static_cast<size_t>(i)])) : load_image(frame(i).image);
 }
 
 void RecordedFrames::check_size(const cv::Mat& image, const std::string& path) const {
@@ -81,7 +117,7 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
       pixels_.problem += (pixels_.problem.empty() ? "" : "; ") + std::string(error.what());
     }
   };
-  attempt([&] { return load_image(f.image); }, f.image, pixels_.image);
+  attempt([&] { return image_of(i); }, f.image, pixels_.image);
   if (stereo_) {
     cv::Mat left = pixels_.image, right;
     if (left.empty()) return pixels_;

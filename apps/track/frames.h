@@ -11,12 +11,16 @@
 #include "apps/io/camera_file.h"
 #include "apps/io/distortion.h"
 #include "apps/io/sequence.h"
+#include "apps/io/video.h"
 #include "apps/track/stereo_depth.h"
 
 namespace iclk {
 
 struct FramesOptions {
-  std::string folder;                    ///< as load_sequence() takes it, or a stereo recording as EuRoC's
+  std::string folder;  ///< as load_sequence() takes it, or a stereo recording as EuRoC's; or a video file
+  /// Instead of the recording's: a folder of depth images, in order one a frame from the first on, as far as they go, or the
+  /// depth image of the first frame. Empty: the recording's.
+  std::string depth;
   std::optional<CameraFile> camera;      ///< none: the folder's camera.txt
   std::optional<Distortion> distortion;  ///< none: the camera file's
   double depth_scale = 0;                ///< 0: the camera file's
@@ -37,6 +41,8 @@ class RecordedFrames {
   int doubled() const { return doubled_; }  ///< frames left out: as late as the one before
   const Camera& camera() const { return camera_; }
   const Distortion& distortion() const { return distortion_; }
+  /// Of the recording as a whole: a video that is cut off. Empty: none.
+  const std::string& problem() const { return problem_; }
   /// Of a stereo recording, whose camera is the rectified left one.
   const std::optional<StereoDepth>& stereo() const { return stereo_; }
   bool masks() const { return !seen().empty(); }  ///< pixels that the lens did not see are masked
@@ -56,11 +62,16 @@ class RecordedFrames {
 
  private:
   const SequenceFrame& frame(int i) const { return sequence_.frames[chosen_[static_cast<size_t>(i)]]; }
+  void load(const FramesOptions& options);
+  void give_depth();
+  cv::Mat image_of(int i);
   void check_size(const cv::Mat& image, const std::string& path) const;
   bool has_depth(int i) const { return options_.depth_every > 0 ? i % options_.depth_every == 0 : i == 0; }
 
   FramesOptions options_;
   Sequence sequence_;
+  std::optional<Video> video_;
+  std::string problem_;
   std::vector<size_t> chosen_;
   int doubled_ = 0;
   double scale_ = 0;

@@ -1,6 +1,7 @@
 #include "apps/track/journal.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <chrono>
 #include <cstring>
 #include <filesystem>
@@ -29,7 +30,7 @@ std::ofstream open_at(const std::string& path, uint64_t size) {
   std::error_code error;
   if (size > 0) fs::resize_file(path, size, error);
   std::ofstream file(path, size > 0 ? std::ios::app | std::ios::binary : std::ios::trunc | std::ios::binary);
-  if (error || !file) throw Error(ErrorCode::io, path + ": cannot be written");
+  if (error || !file) throw Error(ErrorCode::io, path + ": cannot be written: " + std::strerror(errno));
   return file;
 }
 
@@ -75,7 +76,7 @@ Journal::Journal(const std::string& folder, const std::string& key, bool fresh, 
 
 void Journal::grow(std::ofstream& file, const std::string& path, const std::string& text, uint64_t& size) {
   file << text << std::flush;
-  if (!file) throw Error(ErrorCode::io, path + ": cannot be written, is the disk full?");
+  if (!file) throw Error(ErrorCode::io, path + ": cannot be written: " + std::strerror(errno));
   size += text.size();
 }
 

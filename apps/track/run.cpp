@@ -35,12 +35,13 @@ std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames,
   const FramesOptions& f = options.frames;
   return fmt::format(
       "{} {} first {} stride {} camera {} {} {} {} {} {} distorted {} {} scale {} model {} solver {} tracker {} {} {} {} {} "
-      "{} {} {} {} {} {} {} seeds {} depth {} {}",
+      "{} {} {} {} {} {} {} seeds {} depth {} {} {}",
       version(), std::filesystem::absolute(f.folder).string(), f.first, f.stride, c.fx, c.fy, c.cx, c.cy, c.width, c.height,
       static_cast<int>(frames.distortion().model), fmt::join(frames.distortion().k, ","), f.depth_scale, options.model,
       static_cast<int>(options.solver), tracker.detector.count, tracker.depth_noise.constant, tracker.depth_noise.relative,
       tracker.keyframes, tracker.window, tracker.min_visible, tracker.max_flow, tracker.min_inliers, tracker.readout,
-      tracker.weak_correlation, tracker.weak_motion, tracker.min_sharpness, tracker.seeds, f.depth_every, f.depth_holes);
+      tracker.weak_correlation, tracker.weak_motion, tracker.min_sharpness, tracker.seeds, f.depth_every, f.depth_holes,
+      f.depth.empty() ? f.depth : std::filesystem::absolute(f.depth).string());
 }
 
 void write_results(const TrackRunOptions& options, const Tracker& tracker, const Camera& camera,

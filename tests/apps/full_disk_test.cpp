@@ -92,5 +92,45 @@ TEST_F(FullDisk, Render) {
   });
 }
 
+TEST_F(FullDisk, Track) {
+  const Folder out;
+  std::string images, depths;
+  for (int i = 0; i < 4; ++i) {
+    images += std::to_string(i) + (i % 2 ? ".0 images/a_1.png\n" : ".0 images/a_0.png\n");
+    if (i % 2 == 0) depths += std::to_string(i) + ".0 images/a_d.png\n";
+  }
+  out.write("recording/rgb.txt", images);
+  out.write("recording/depth.txt", depths);
+  for (const char* name : {"a_0.png", "a_1.png", "a_d.png"})
+    out.write(std::string("recording/images/") + name, bytes_of(folder_->path(std::string("images/") + name)));
+  const auto track = [&](const std::string& folder) {
+    return std::vector<std::string>{
+        "track", out.path("recording"), "--camera", folder_->path("images/a.txt"), "--solver", "cpu", "--count", "60",
+        "--out", out.path(folder)};
+  };
+  const auto finish = [&](const std::string& folder) {
+    Process process(track(folder));
+    EXPECT_EQ(process.wait(), 0) << process.err();
+    auto files = files_of(out.path(folder));
+    files.erase("frames.jsonl");  // which has times
+    return files;
+  };
+  const auto whole = finish("whole");
+  ASSERT_EQ(whole.size(), 6u);
+  EXPECT_NE(whole.at("live.txt").find("\n3.0"), std::string::npos) << whole.at("live.txt");
+  fs::create_directories(out.path("disk"));
+  fill_at_every_operation(track("disk"), out.path("disk"), 20, [&](int operations) {
+    for (const auto& [name, bytes] : files_of(out.path("disk"))) {
+      if (name == "frames.jsonl") continue;
+      ASSERT_TRUE(whole.contains(name)) << name;
+      // What grows with the frames is there as far as it goes, everything else whole.
+      EXPECT_EQ(bytes, name == "live.txt" ? whole.at(name).substr(0, bytes.size()) : whole.at(name)) << name;
+    }
+    if (operations % 6 == 0) {
+      EXPECT_EQ(finish("disk"), whole);
+    }
+  });
+}
+
 }  // namespace
 }  // namespace iclk

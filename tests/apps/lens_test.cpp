@@ -79,7 +79,9 @@ TEST(Lens, IsTheInverseOfOpenCvsProjection) {
       }
     EXPECT_LT(worst, 1e-9) << "px";
     EXPECT_NEAR(dark / (192.0 * 120), dark_share(lens.distortion()), 0.005);
-    if (std::string(c.name).ends_with("folds")) EXPECT_GT(dark, 1000);
+    if (std::string(c.name).ends_with("folds")) {
+      EXPECT_GT(dark, 1000);
+    }
   }
 }
 

@@ -143,6 +143,13 @@ TEST(Track, BadInputIsSaid) {
   EXPECT_NE(broken.out.find("unreadable 2, the first: "), std::string::npos) << broken.out;
   EXPECT_NE(broken.out.find("none.png"), std::string::npos) << broken.out;
   EXPECT_NE(broken.out.find("left out   1"), std::string::npos) << broken.out;
+  folder.write("one/rgb.txt", "1.0 a.png\n2.0 a.png\n");
+  folder.write("one/depth.txt", "1.0 gone.png\n2.0 z.png\n");
+  const Finished gone = run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000"});
+  EXPECT_EQ(gone.code, 0) << gone.err;
+  EXPECT_NE(gone.out.find("unreadable 1, the first: "), std::string::npos) << gone.out;
+  EXPECT_NE(gone.out.find("gone.png"), std::string::npos) << gone.out;
+  EXPECT_NE(gone.out.find("depth      1 frames"), std::string::npos) << gone.out;
   EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--window", "0"}).code, 3);
 }
 

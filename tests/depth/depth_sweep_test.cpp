@@ -173,8 +173,11 @@ TEST(DepthSweep, UnseenPixelsFollowTheirNeighboursIfWanted) {
         const auto w = static_cast<double>(map.inverse_depth.at(u, v));
         answers += w > 0, right += std::abs(50 * w - 20)<1, confident += map.confidence.at(u, v)> 0;
       }
-    if (keep) EXPECT_GT(right, 0.8 * 16 * kHeight);
-    if (!keep) EXPECT_LT(answers, 0.1 * 16 * kHeight);
+    if (keep) {
+      EXPECT_GT(right, 0.8 * 16 * kHeight);
+    } else {
+      EXPECT_LT(answers, 0.1 * 16 * kHeight);
+    }
     EXPECT_LT(confident, 0.1 * 16 * kHeight) << keep;
   }
 }

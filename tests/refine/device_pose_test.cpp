@@ -266,7 +266,9 @@ TEST(DevicePose, TakesOutABendThatIsProven) {
     ASSERT_EQ(found.has_value(), i < 3);
     const Eigen::Vector3d turn(outcomes[i].info.turn[0], outcomes[i].info.turn[1], outcomes[i].info.turn[2]);
     EXPECT_EQ(outcomes[i].info.rounds, 1u);
-    if (bent.converged()) EXPECT_LT(motion(c, as_they_are[i].T_10, bent.T_10), 5e-3);
+    if (bent.converged()) {
+      EXPECT_LT(motion(c, as_they_are[i].T_10, bent.T_10), 5e-3);
+    }
     EXPECT_EQ(as_they_are[i].info.turn[1], 0);
     if (!found) {
       EXPECT_EQ(turn, Eigen::Vector3d::Zero());

@@ -131,21 +131,22 @@ TEST(Tracker, ALensCapIsLostAndThenFoundAgain) {
   ICLK_NEED_DEVICE();
   Tracking t;
   const std::vector<uint32_t> black(320 * 240, 0xff000000u);
-  for (int i = 0; i < 6; ++i) t.track(i);
-  for (int i = 6; i < 9; ++i) {
+  for (int i = 0; i < 11; ++i) t.track(i);
+  for (int i = 11; i < 21; ++i) {
     TrackFrame covered = Flight::get().frame(i);
     covered.image.data = black.data();
     const TrackResult r = t.track(covered);
     EXPECT_EQ(r.status, TrackStatus::lost);
     EXPECT_FALSE(r.confirmed);
-    EXPECT_EQ(r.T_WC.t, t.results[5].T_WC.t);  // the last that was known
+    EXPECT_EQ(r.T_WC.t, t.results[10].T_WC.t);  // the last that was known
     EXPECT_TRUE(r.covariance.isZero());
   }
-  const TrackResult back = t.track(9);
+  const TrackResult back = t.track(21);
   ASSERT_NE(back.status, TrackStatus::lost) << back.reason;
   EXPECT_TRUE(back.searched);
-  EXPECT_LT(t.error(back, 9), 0.3);
-  EXPECT_NE(t.track(10).status, TrackStatus::lost);
+  EXPECT_EQ(back.map, 0);
+  EXPECT_LT(t.error(back, 21), 0.3);
+  EXPECT_NE(t.track(22).status, TrackStatus::lost);
 }
 
 TEST(Tracker, AMapThatBeganBadlyIsGivenUp) {
@@ -197,6 +198,28 @@ TEST(Tracker, AFrozenCameraStays) {
     EXPECT_LT(r.T_WC.t.norm(), 1e-3);
   }
   EXPECT_EQ(t.tracker.keyframe_count(), 1);
+}
+
+TEST(Tracker, ACameraThatOnlyTurnsIsFollowedOrSaidToBeLost) {
+  ICLK_NEED_DEVICE();
+  TerrainRenderer renderer(device(), std::make_shared<const Terrain>(procedural_terrain({.seed = 3, .size = 256})));
+  const SE3 start = camera_pose(0);
+  for (const bool depth : {true, false}) {
+    Tracking t;
+    int lost = 0;
+    for (int i = 0; i < 10; ++i) {
+      SE3 T = start;
+      T.R = start.R * Eigen::AngleAxisd(0.08 * i, Eigen::Vector3d(0.3, 0.2, 1).normalized()).toRotationMatrix();
+      const View view = renderer.render(Flight::get().camera, T);
+      const TrackResult r = t.track({0.1 * i, view.image(), depth || i == 0 ? view.depth_image() : ImageView(), {}});
+      lost += r.status == TrackStatus::lost;
+      if (r.status == TrackStatus::lost) continue;
+      const SE3 off = (start.inverse() * T).inverse() * r.T_WC;
+      EXPECT_LT(off.t.norm(), 0.5) << i;
+      EXPECT_LT(off.log().tail<3>().norm(), 0.003) << i;
+    }
+    EXPECT_LE(lost, depth ? 0 : 4);
+  }
 }
 
 TEST(Tracker, FramesWithoutDepthAreTracked) {

@@ -1,0 +1,58 @@
+#include "apps/io/video.h"
+
+#include <cmath>
+#include <filesystem>
+
+#include <fmt/format.h>
+#include <opencv2/videoio.hpp>
+
+#include <iclk/engine/error.h>
+
+#include "apps/io/images.h"
+
+namespace iclk {
+
+void Video::open() {
+  capture_ = std::make_unique<cv::VideoCapture>();
+  if (!capture_->open(path_))
+    throw Error(ErrorCode::io, path_ + ": no video that can be read: broken, cut off, or of a codec that OpenCV lacks here");
+  capture_->set(cv::CAP_PROP_ORIENTATION_AUTO, 0);
+  next_ = 0;
+}
+
+Video::Video(const std::string& path) : path_(path) {
+  std::error_code error;
+  if (!std::filesystem::is_regular_file(path, error)) throw Error(ErrorCode::io, path + ": no such file");
+  if (std::filesystem::file_size(path, error) == 0) throw Error(ErrorCode::io, path + ": an empty file");
+  open();
+  const double width = capture_->get(cv::CAP_PROP_FRAME_WIDTH), height = capture_->get(cv::CAP_PROP_FRAME_HEIGHT);
+  if (width * height > static_cast<double>(kMaxPixels))
+    throw Error(ErrorCode::invalid_argument, fmt::format("{}: frames of {}x{} pixels are too large", path, width, height));
+  const double promised = capture_->get(cv::CAP_PROP_FRAME_COUNT);
+  while (capture_->grab()) {
+    const double time = capture_->get(cv::CAP_PROP_POS_MSEC) / 1000;
+    if (!std::isfinite(time) || (!times_.empty() && !(time > times_.back()))) times_increase_ = false;
+    times_.push_back(time);
+  }
+  if (times_.empty()) throw Error(ErrorCode::io, path + ": not a single frame can be decoded");
+  if (promised > size() + 1)
+    problem_ = fmt::format("{} ends after {} of its {} frames: is it cut off?", path, size(), promised);
+  open();
+}
+
+Video::~Video() = default;
+Video::Video(Video&&) noexcept = default;
+
+cv::Mat Video::read(int i) {
+  if (i < next_) open();
+  cv::Mat image;
+  bool good = true;
+  for (; good && next_ < i; ++next_) good = capture_->grab();
+  if (good) good = capture_->read(image) && !image.empty();
+  ++next_;
+  if (!good || (image.type() != CV_8UC3 && image.type() != CV_8UC1))
+    throw Error(ErrorCode::io, fmt::format("{}: frame {} cannot be decoded", path_, i));
+  return image;
+}
+
+}  // namespace iclk
