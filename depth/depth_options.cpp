@@ -24,11 +24,12 @@ void DepthPlan::check() const {
   check_range("depth: height", height, 16, 16384);
   check_range("depth: planes", planes, ICLK_DEPTH_QUAD, ICLK_DEPTH_PLANES);
   check_range("depth: views", views, 1, ICLK_DEPTH_VIEWS);
-  if (planes % ICLK_DEPTH_QUAD != 0) fail(std::to_string(planes) + " planes: must be a multiple of " + std::to_string(ICLK_DEPTH_QUAD));
+  if (planes % ICLK_DEPTH_QUAD != 0)
+    fail(std::to_string(planes) + " planes: must be a multiple of " + std::to_string(ICLK_DEPTH_QUAD));
   if (std::max(width, height) * (planes / ICLK_DEPTH_QUAD) > kMostRounds)
     fail("images of " + std::to_string(width) + "x" + std::to_string(height) + " take " +
-         std::to_string(kMostRounds / std::max(width, height) * ICLK_DEPTH_QUAD) + " planes at most, not " + std::to_string(planes) +
-         "; use fewer, or smaller images");
+         std::to_string(kMostRounds / std::max(width, height) * ICLK_DEPTH_QUAD) + " planes at most, not " +
+         std::to_string(planes) + "; use fewer, or smaller images");
 }
 
 void DepthOptions::check() const {

@@ -7,6 +7,7 @@
 
 #include <Eigen/LU>
 
+#include <iclk/depth/internal/buffers.h>
 #include <iclk/depth/internal/speckles.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/recorder.h>
@@ -29,6 +30,8 @@ using engine::BufferId;
 using engine::BufferUse;
 using engine::groups_for;
 using engine::MemoryKind;
+using internal::DepthBuffers;
+using internal::DepthStrips;
 
 constexpr uint32_t kGroup = 64;
 // A path is an invocation: small groups, so that few paths still fill many cores.
@@ -36,30 +39,6 @@ constexpr uint32_t kPathGroup = 32;
 constexpr int kWays[ICLK_DEPTH_PATHS][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "depth: " + why); }
-
-struct Buffers {
-  explicit Buffers(const DepthPlan& p, engine::MemoryPlan& memory) {
-    const auto area = static_cast<uint64_t>(p.width) * static_cast<uint64_t>(p.height);
-    const auto images = static_cast<uint64_t>(p.views) + 1, bytes = area * static_cast<uint64_t>(p.planes);
-    const auto texels = BufferUse::storage | BufferUse::texel;
-    constexpr VkFormat real = VK_FORMAT_R32_SFLOAT, word = VK_FORMAT_R32_UINT, quad = VK_FORMAT_R32G32B32A32_UINT;
-    views = memory.add("depth views", sizeof(shaders::DepthViews), MemoryKind::table, BufferUse::uniform);
-    grey = memory.add("depth images", 4 * area * images, MemoryKind::table, texels, real);
-    priors = memory.add("depth priors", 4 * area, MemoryKind::table, texels, real);
-    census = memory.add("census", 4 * area * images, MemoryKind::device, texels, word);
-    costs = memory.add("costs", bytes, MemoryKind::device, texels, quad);
-    for (BufferId& path : paths) path = memory.add("path costs", bytes, MemoryKind::device, texels, quad);
-    corners = memory.add("corners", 16 * area * (images - 1), MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
-    winners = memory.add("winners", 8 * area, MemoryKind::device, BufferUse::storage);
-    claims = memory.add("claims", 4 * area * (images - 1), MemoryKind::device, BufferUse::storage);
-    raw_planes = memory.add("raw planes", 4 * area, MemoryKind::device, texels, real);
-    planes = memory.add("planes", 4 * area, MemoryKind::device, texels, real);
-    read_winners = memory.add("winners to read", 8 * area, MemoryKind::readback, BufferUse::transfer);
-    read_planes = memory.add("planes to read", 4 * area, MemoryKind::readback, BufferUse::transfer);
-  }
-  BufferId views, grey, priors, census, costs, paths[ICLK_DEPTH_PATHS], corners, winners, claims, raw_planes, planes,
-      read_winners, read_planes;
-};
 
 /// The row of K_1 [R K_0^-1 | t] that gives one coordinate of view pixels.
 shaders::DepthView view_of(const Camera& reference, const DepthSource& source) {
@@ -80,11 +59,12 @@ struct DepthSweep::Impl {
       : context(std::move(c)),
         plan((p.check(), p)),
         options((o.check(), o)),
-        ids(plan, layout),
+        strips(internal::strips_of(*context, plan)),
+        ids(plan, strips.rows, layout),
         memory(context, layout),
         quads(static_cast<uint32_t>(plan.planes) / ICLK_DEPTH_QUAD),
         submission(context),
-        timer(context, 64) {
+        timer(context, 64 + 3 * static_cast<uint32_t>(strips.count(plan))) {
     using enum engine::BindingKind;
     constexpr uint32_t push = sizeof(shaders::DepthPush);
     const auto views = static_cast<uint32_t>(plan.views);
@@ -112,6 +92,10 @@ struct DepthSweep::Impl {
   }
 
   size_t area() const { return static_cast<size_t>(plan.width) * static_cast<size_t>(plan.height); }
+
+  size_t volume_bytes() const {
+    return static_cast<size_t>(plan.width) * static_cast<size_t>(strips.rows) * static_cast<size_t>(plan.planes);
+  }
 
   void check_image(const ImageView& image, const Camera& camera, const std::string& what) const {
     if (image.empty() || image.width != plan.width || image.height != plan.height)
@@ -155,6 +139,30 @@ struct DepthSweep::Impl {
     }
   }
 
+  /// Costs to winners of the rows from `row` on.
+  void record_strip(engine::Recorder& recorder, shaders::DepthPush push, int row) {
+    const auto& m = memory;
+    const int end = std::min(row + strips.answered, plan.height), above = std::max(row - DepthStrips::kOverlap, 0);
+    const int below = strips.rows == plan.height ? plan.height : std::min(end + DepthStrips::kOverlap, plan.height);
+    push.strip = static_cast<uint32_t>(strips.rows == plan.height ? 0 : above);
+    push.rows = static_cast<uint32_t>(below) - push.strip;
+    push.answered = static_cast<uint32_t>(row), push.answered_end = static_cast<uint32_t>(end);
+    const auto groups_of = [&](uint32_t rows) { return engine::Groups{groups_for(push.width * rows, kGroup), 1, 1}; };
+    recorder.stage("cost");
+    recorder.dispatch(cost, {&m[ids.census], &m[ids.priors], &m[ids.views], &m[ids.costs]}, push, groups_of(push.rows));
+    recorder.stage("paths");
+    for (int i = 0; i < ICLK_DEPTH_PATHS; ++i) {
+      push.du = kWays[i][0], push.dv = kWays[i][1];
+      recorder.dispatch(path, {&m[ids.costs], &m[ids.grey], &m[ids.paths[i]]}, push,
+                        {groups_for(push.dv == 0 ? push.rows : push.width, kPathGroup), 1, 1});
+    }
+    recorder.stage("winner");
+    std::vector<const engine::Buffer*> sums;
+    for (const BufferId id : ids.paths) sums.push_back(&m[id]);
+    for (const BufferId id : {ids.views, ids.winners, ids.claims}) sums.push_back(&m[id]);
+    recorder.dispatch(winner, sums, std::as_bytes(std::span(&push, 1)), groups_of(push.answered_end - push.answered));
+  }
+
   void record(shaders::DepthPush push) {
     const auto pixels = static_cast<uint32_t>(area());
     const engine::Groups all{groups_for(pixels, kGroup), 1, 1};
@@ -165,19 +173,7 @@ struct DepthSweep::Impl {
     recorder.fill(m[ids.claims], 0xffffffffu);
     recorder.stage("census");
     recorder.dispatch(census, {&m[ids.grey], &m[ids.census]}, push, {all.x, 1, push.views + 1});
-    recorder.stage("cost");
-    recorder.dispatch(cost, {&m[ids.census], &m[ids.priors], &m[ids.views], &m[ids.costs]}, push, all);
-    recorder.stage("paths");
-    for (int i = 0; i < ICLK_DEPTH_PATHS; ++i) {
-      push.du = kWays[i][0], push.dv = kWays[i][1];
-      recorder.dispatch(path, {&m[ids.costs], &m[ids.grey], &m[ids.paths[i]]}, push,
-                        {groups_for(push.dv == 0 ? push.height : push.width, kPathGroup), 1, 1});
-    }
-    recorder.stage("winner");
-    std::vector<const engine::Buffer*> sums;
-    for (const BufferId id : ids.paths) sums.push_back(&m[id]);
-    for (const BufferId id : {ids.views, ids.winners, ids.claims}) sums.push_back(&m[id]);
-    recorder.dispatch(winner, sums, std::as_bytes(std::span(&push, 1)), all);
+    for (int row = 0; row < plan.height; row += strips.answered) record_strip(recorder, push, row);
     recorder.stage("consistent");
     recorder.dispatch(consistent, {&m[ids.winners], &m[ids.claims], &m[ids.views], &m[ids.raw_planes]}, push, all);
     recorder.stage("median");
@@ -213,7 +209,7 @@ struct DepthSweep::Impl {
            " m is too narrow or too near for single precision");
     push.p1 = static_cast<uint32_t>(options.p1), push.p2 = static_cast<uint32_t>(options.p2);
     push.edge = static_cast<float>(options.edge), push.uniqueness = static_cast<float>(options.uniqueness);
-    push.tolerance = static_cast<float>(options.tolerance), push.iterations = static_cast<uint32_t>(options.iterations);
+    push.tolerance = static_cast<float>(options.tolerance);
     push.keep_unseen = options.keep_unseen;
 
     auto* views = memory[ids.views].as<shaders::DepthViews>();
@@ -270,8 +266,9 @@ struct DepthSweep::Impl {
   std::shared_ptr<const engine::Context> context;
   DepthPlan plan;
   DepthOptions options;
+  DepthStrips strips;
   engine::MemoryPlan layout;
-  Buffers ids;
+  DepthBuffers ids;
   engine::Workspace memory;
   uint32_t quads;
   engine::Kernel census, cost, path, winner, consistent, median, corners, polish, smooth;
@@ -289,7 +286,7 @@ DepthSweep& DepthSweep::operator=(DepthSweep&&) noexcept = default;
 engine::MemoryBytes DepthSweep::memory(const engine::Context& context, const DepthPlan& plan) {
   plan.check();
   engine::MemoryPlan layout;
-  const Buffers buffers(plan, layout);
+  const DepthBuffers buffers(plan, internal::strips_of(context, plan).rows, layout);
   return layout.bytes(context);
 }
 
@@ -299,13 +296,12 @@ DepthMap DepthSweep::compute(const ImageView& reference, const Camera& camera, s
 }
 
 const DepthPlan& DepthSweep::plan() const { return impl_->plan; }
+int DepthSweep::strips() const { return impl_->strips.count(impl_->plan); }
 const std::vector<engine::StageTime>& DepthSweep::times() const { return impl_->timer.times(); }
 
-std::vector<uint8_t> DepthSweep::volume() const {
-  return impl_->read<uint8_t>(impl_->ids.costs, impl_->area() * static_cast<size_t>(impl_->plan.planes));
-}
+std::vector<uint8_t> DepthSweep::volume() const { return impl_->read<uint8_t>(impl_->ids.costs, impl_->volume_bytes()); }
 std::vector<uint8_t> DepthSweep::path(int index) const {
-  return impl_->read<uint8_t>(impl_->ids.paths[index], impl_->area() * static_cast<size_t>(impl_->plan.planes));
+  return impl_->read<uint8_t>(impl_->ids.paths[index], impl_->volume_bytes());
 }
 std::vector<uint32_t> DepthSweep::census() const {
   return impl_->read<uint32_t>(impl_->ids.census, 4 * impl_->area() * (static_cast<size_t>(impl_->plan.views) + 1));

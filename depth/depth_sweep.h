@@ -40,7 +40,7 @@ void fill(DepthMap& map);
 class DepthSweep {
  public:
   /// Allocates everything. Throws Error(invalid_argument) of DepthPlan::check() and DepthOptions::check(), Error(unsupported)
-  /// with the numbers for what the device cannot hold, Error(out_of_memory).
+  /// with the numbers for what the device or DepthPlan::most_bytes cannot hold even in strips, Error(out_of_memory).
   DepthSweep(std::shared_ptr<const engine::Context> context, const DepthPlan& plan, const DepthOptions& options = {});
   ~DepthSweep();
   DepthSweep(DepthSweep&&) noexcept;
@@ -57,11 +57,12 @@ class DepthSweep {
                    const DepthRange& range, const Features& priors = {});
 
   const DepthPlan& plan() const;
+  int strips() const;  ///< that the rows are taken in; 1: all at once
   /// Device time by stage, summed over the calls.
   const std::vector<engine::StageTime>& times() const;
 
-  /// What the stages left of the last compute(), for tests: costs or the sums of a path (a byte a plane), signatures of the
-  /// census (reference first).
+  /// What the stages left of the last compute(), for tests: costs or the sums of a path (a byte a plane, of the last
+  /// strip), signatures of the census (reference first).
   std::vector<uint8_t> volume() const;
   std::vector<uint8_t> path(int index) const;
   std::vector<uint32_t> census() const;

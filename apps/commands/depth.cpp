@@ -22,7 +22,7 @@ struct DepthCommand {
   DepthOptions options;
   int planes = 0;
   std::string device, out, truth;
-  double truth_scale = 0;
+  double truth_scale = 0, memory = 0;
   bool json = false, fill = false, peers = false, profile = false;
 };
 
@@ -62,6 +62,9 @@ void run_depth(const DepthCommand& command) {
       throw Error(ErrorCode::invalid_argument, command.truth + ": not of the reference's size");
   }
   DepthPlan plan{input.camera.width, input.camera.height, command.planes, static_cast<int>(input.targets.size())};
+  if (!(command.memory >= 0 && command.memory < 1e9))
+    throw Error(ErrorCode::invalid_argument, fmt::format("--memory {}: must be megabytes, 0 or more", command.memory));
+  plan.most_bytes = static_cast<uint64_t>(1e6 * command.memory);
   if (plan.planes == 0) plan.planes = planes_for(input.camera, input.cameras, input.T_10, input.range);
   plan.check();
 
@@ -81,10 +84,11 @@ void run_depth(const DepthCommand& command) {
 
   if (command.fill) fill(map);
   const cv::Mat depth = depth_image(map);
-  nlohmann::ordered_json json = {{"schema", "iclk-depth-1"}, {"width", plan.width}, {"height", plan.height},
-                                 {"planes", plan.planes},    {"views", plan.views}, {"near", input.range.near},
-                                 {"far", input.range.far},   {"valid", map.valid},  {"png_scale", png_scale(depth)},
-                                 {"seconds", wall},          {"cpu_seconds", cpu},  {"device", context->info().name}};
+  nlohmann::ordered_json json = {{"schema", "iclk-depth-1"},      {"width", plan.width}, {"height", plan.height},
+                                 {"planes", plan.planes},         {"views", plan.views}, {"near", input.range.near},
+                                 {"far", input.range.far},        {"valid", map.valid},  {"png_scale", png_scale(depth)},
+                                 {"strips", sweep.strips()},      {"seconds", wall},     {"cpu_seconds", cpu},
+                                 {"device", context->info().name}};
   std::string text =
       fmt::format("depth      {}x{}, {} views, {} planes from {:.4g} to {:.4g} m\nvalid      {:.1f} %\n", plan.width,
                   plan.height, plan.views, plan.planes, input.range.near, input.range.far, 100 * map.valid);
@@ -176,6 +180,10 @@ void add_depth(CLI::App& app) {
   command->add_option("--speckle", sweep.speckle, "Islands of fewer pixels are dropped")->capture_default_str();
   command->add_option("--device", options->device,
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
+  command
+      ->add_option("--memory", options->memory,
+                   "Megabytes of the device at most: rows are taken in strips; default: what it holds")
+      ->type_name("MB");
   command->add_flag("--keep-unseen", sweep.keep_unseen,
                     "Keep pixels that lie outside every target, as their neighbours suggest, with confidence 0");
   command->add_flag("--fill", options->fill,

@@ -16,5 +16,6 @@ void main() {
   uint place = gl_WorkGroupID.z * area + k;
   int width = int(push.width), at = int(place + area);  // the reference is the first image
   int right = int(k) % width + 1 < width ? 1 : 0, down = int(k) + width < int(area) ? width : 0;
-  corners[place] = vec4(TEXEL(grey, at).x, TEXEL(grey, at + right).x, TEXEL(grey, at + down).x, TEXEL(grey, at + down + right).x);
+  corners[place] =
+      vec4(TEXEL(grey, at).x, TEXEL(grey, at + right).x, TEXEL(grey, at + down).x, TEXEL(grey, at + down + right).x);
 }

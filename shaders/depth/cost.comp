@@ -1,7 +1,7 @@
 #version 460
 // Matching cost of every pixel and plane: Hamming distance of census signatures, of several views that see it the mean of the
 // better half, so that who is hidden in some is judged by the others. A prior adds its own cost.
-// Groups: (ceil(width height / local size), 1, 1).
+// Groups: (ceil(width rows / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
 layout(local_size_x_id = 0) in;
@@ -26,10 +26,11 @@ uvec4 distances(uint own, int base, vec3 h, vec3 e, vec4 w, out bvec4 inside) {
 
 void main() {
   uint k = gl_GlobalInvocationID.x, area = push.width * push.height;
-  if (k >= area) return;
-  vec2 uv = vec2(k % push.width, k / push.width);
-  uint own = WORD(census, int(k));
-  float prior = TEXEL(priors, int(k)).x;
+  if (k >= push.width * push.rows) return;
+  vec2 uv = vec2(k % push.width, push.strip + k / push.width);
+  int pixel = int(push.strip * push.width + k);
+  uint own = WORD(census, pixel);
+  float prior = TEXEL(priors, pixel).x;
   // Out of the loop, since a uniform block costs lavapipe more than the arithmetic.
   vec3 h[VIEWS], e[VIEWS];
   for (uint view = 0u; view < VIEWS; ++view) h[view] = ray_in(view, uv), e[view] = epipole_of(view);

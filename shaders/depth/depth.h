@@ -45,6 +45,9 @@ struct DepthViews {
 
 struct DepthPush {
   uint width, height;  // of every image
+  // Volumes hold a strip of the reference's rows: its first row and their number. winner.comp answers some of them.
+  uint strip, rows;
+  uint answered, answered_end;
   uint views;
   float first, step;  // inverse depth of plane 0 and between planes
   int du, dv;         // path.comp: the way of the path; dv is 0 or points where lines are walked to
@@ -53,7 +56,6 @@ struct DepthPush {
   float uniqueness;   // winner.comp: share by which the second best must be worse
   float tolerance;    // consistent.comp: planes
   uint keep_unseen;   // consistent.comp: 1: what lies outside every view keeps its plane
-  uint iterations;    // polish.comp
 };
 
 #ifdef __cplusplus

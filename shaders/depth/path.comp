@@ -4,7 +4,7 @@
 //
 // An invocation is a path, with the costs of its last pixel in registers: no shared memory, no barrier. Along a slanted path it
 // wraps round at the left and right border and begins anew there, so that all have the same length.
-// Groups: (ceil(lines / local size), 1, 1), lines = dv == 0 ? height : width.
+// Groups: (ceil(lines / local size), 1, 1), lines = dv == 0 ? rows : width.
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
 layout(local_size_x_id = 0) in;
@@ -34,9 +34,9 @@ uint step_on(uint costs_here, uint next_word, uint p2) {
 void main() {
   uint line = gl_GlobalInvocationID.x;
   bool level = push.dv == 0;
-  int width = int(push.width), height = int(push.height), length = level ? width : height;
-  if (line >= (level ? push.height : push.width)) return;
-  ivec2 at = level ? ivec2(push.du > 0 ? 0 : width - 1, line) : ivec2(line, push.dv > 0 ? 0 : height - 1);
+  int width = int(push.width), rows = int(push.rows), length = level ? width : rows;
+  if (line >= (level ? push.rows : push.width)) return;
+  ivec2 at = level ? ivec2(push.du > 0 ? 0 : width - 1, line) : ivec2(line, push.dv > 0 ? 0 : rows - 1);
   uvec4 previous[QUADS];
   for (uint quad = 0u; quad < QUADS; ++quad) previous[quad] = uvec4(0);
   uint lowest = 0u;
@@ -44,7 +44,7 @@ void main() {
   bool begin = true;
   for (int i = 0; i < length; ++i) {
     int pixel = at.y * width + at.x;
-    float now = 255.0 * clamp(TEXEL(grey, pixel).x, 0.0, 1.0);
+    float now = 255.0 * clamp(TEXEL(grey, int(push.strip) * width + pixel).x, 0.0, 1.0);
     uint loss = uint(push.edge * abs(now - before));
     uint p2 = begin ? 0u : max(push.p1 + 1u, push.p2 - min(loss, push.p2));
     before = now;

@@ -1,7 +1,7 @@
 #version 460
 // The plane with the least sum over the eight paths, between planes by a parabola; how much better it is than any that is not
 // its neighbour; and a claim on the pixel of each view where it lies, which the claim with the least sum wins.
-// Groups: (ceil(width height / local size), 1, 1).
+// Groups: (ceil(width (answered_end - answered) / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
 layout(local_size_x_id = 0) in;
@@ -41,10 +41,11 @@ void take(uint sum, uint plane) {
 }
 
 void main() {
-  uint k = gl_GlobalInvocationID.x, area = push.width * push.height;
-  if (k >= area) return;
+  uint k = push.answered * push.width + gl_GlobalInvocationID.x, area = push.width * push.height;
+  if (k >= push.answered_end * push.width) return;
+  uint first = (k - push.strip * push.width) * QUADS;
   for (uint quad = 0u; quad < QUADS; ++quad) {
-    int i = int(k * QUADS + quad);
+    int i = int(first + quad);
     uvec4 words[ICLK_DEPTH_PATHS] = uvec4[](QUAD(path0, i), QUAD(path1, i), QUAD(path2, i), QUAD(path3, i), QUAD(path4, i),
                                             QUAD(path5, i), QUAD(path6, i), QUAD(path7, i));
     uvec4 evens = uvec4(0u), odds = uvec4(0u);
