@@ -164,7 +164,7 @@ TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
   folder.write("pairs.jsonl", R"({"reference": "a.png", "target": "b.png", "depth": "a_depth.png"})");
   save_model(tiny_model(), folder.path("model.safetensors"));
   write_terrain(folder);
-  folder.write("flight.txt", "0 500 500 150 1 0 0 0\n0.5 504 502 151 1 0.01 0 0\n");
+  folder.write("flight.txt", "0 200 200 130 1 0 0 0\n0.5 204 202 131 1 0.01 0 0\n");
   folder.write("rig.yaml",
                "cam0:\n  intrinsics: [114, 114, 93.5, 59.5]\n  resolution: [188, 120]\n"
                "cam1:\n  intrinsics: [114, 114, 93.5, 59.5]\n  resolution: [188, 120]\n"

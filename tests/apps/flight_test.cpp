@@ -33,7 +33,7 @@ std::string run(const std::vector<std::string>& arguments, int code = 0) {
   return code == 0 ? process.out() : process.err();
 }
 
-/// 13 frames a second over `seconds`, 60 m above the ground of procedural:3:300, from poses that are a second apart.
+/// Poses a second apart, about 60 m above the ground of procedural:3:300.
 std::string trajectory(const Folder& folder, int seconds) {
   std::string text = "# time tx ty tz qx qy qz qw\n";
   for (int i = 0; i <= seconds; ++i)
@@ -107,7 +107,7 @@ TEST(Flights, GoOnAfterAKillAndShardsAreMerged) {
   const std::string whole = folder.path("whole"), killed = folder.path("killed"), part0 = folder.path("part0"),
                     part1 = folder.path("part1");
   const auto flight = [&](const std::string& out, std::vector<std::string> more = {}) {
-    more.insert(more.end(), {"--trajectory", trajectory(folder, 2), "--rate", "6", "--size", "188x120"});
+    more.insert(more.end(), {"--trajectory", trajectory(folder, 2), "--rate", "4.5", "--size", "188x120"});
     return render(out, more);
   };
   run(flight(whole));
@@ -119,34 +119,40 @@ TEST(Flights, GoOnAfterAKillAndShardsAreMerged) {
   process.signal(SIGKILL);
   process.wait();
   ASSERT_FALSE(fs::exists(killed + "/rgb.txt")) << "killed too late to test anything";
-  std::ofstream(killed + "/depth/0.500000.tiff.part77") << "half";
+  std::ofstream(killed + "/depth/0.444444.tiff.part77") << "half";
   EXPECT_NE(run(flight(killed)).find(" rendered in"), std::string::npos);
   EXPECT_EQ(files_of(killed), files_of(whole));
 
-  EXPECT_NE(run(flight(part0, {"--shard", "0/2"})).find("7 of 13 frames"), std::string::npos);
-  EXPECT_NE(run(flight(part1, {"--shard", "1/2"})).find("6 of 13 frames"), std::string::npos);
+  EXPECT_NE(run(flight(part0, {"--shard", "0/2"})).find("5 of 10 frames"), std::string::npos);
+  EXPECT_NE(run(flight(part1, {"--shard", "1/2"})).find("5 of 10 frames"), std::string::npos);
   EXPECT_FALSE(fs::exists(part0 + "/rgb.txt")) << "lists tell of files that are there";
   fs::copy(part1, part0, fs::copy_options::recursive | fs::copy_options::skip_existing);
   EXPECT_NE(run(flight(part0)).find("; 0 rendered"), std::string::npos);
   EXPECT_EQ(files_of(part0), files_of(whole));
-  EXPECT_NE(run(flight(part0, {"--readout", "20"}), kBadInput).find("frames 13, now it is 11"), std::string::npos);
+  EXPECT_NE(run(flight(part0, {"--readout", "20"}), kBadInput).find("frames 10, now it is 8"), std::string::npos);
 }
 
-TEST(Flights, ARollingShutterIsFoundByTrack) {
+TEST(Flights, ARollingShutterIsWhatTrackUnrolls) {
   ICLK_NEED_DEVICE();
   const Folder folder;
   std::string text;
-  for (int i = 0; i <= 12; ++i) {
-    const double a = 0.15 * std::sin(1.3 * i), b = 0.03 * std::sin(1.9 * i + 1);
-    text += std::to_string(0.2 * i) + " " + std::to_string(140 + i) + " 150 130 " + std::to_string(std::cos(a / 2)) + " " +
-            std::to_string(std::sin(a / 2)) + " " + std::to_string(b) + " 0\n";
+  for (int i = 0; i <= 16; ++i) {
+    // Shaken about all axes: (0, 1, 0, 0) looks down, times a small turn.
+    const double t = 0.1 * i, x = 0.05 * std::sin(6 * t), y = 0.06 * std::sin(5 * t + 1), z = 0.075 * std::sin(4 * t);
+    for (const double number : {t, 130 + 12 * t, 140 + 8 * t, 150.0, 1.0, -z, y, -x}) text += std::to_string(number) + " ";
+    text += "\n";
   }
   folder.write("shaken.txt", text);
   const std::string out = folder.path("flight");
-  run(render(out, {"--trajectory", folder.path("shaken.txt"), "--rate", "8", "--readout", "40", "--size", "240x180",
-                   "--samples", "1"}));
-  const std::string said = run({"track", out, "--depth-sigma", "rendered", "--readout", "auto"});
-  EXPECT_NEAR(number_after(said, "rows taken as read in"), 40, 4) << said;
+  run(render(out, {"--trajectory", folder.path("shaken.txt"), "--readout", "50", "--size", "320x240", "--samples", "1",
+                   "--camera", "280,280,159.5,119.5"}));
+  const auto error = [&](const char* readout) {
+    const std::string said = run({"track", out, "--depth-sigma", "0.1%", "--count", "100", "--readout", readout});
+    EXPECT_EQ(said.find("--readout auto finds it") != std::string::npos, std::string(readout) == "0") << said;
+    return number_after(said.substr(said.find("adjusted")), "), ");  // % of the way
+  };
+  const double right = error("50"), wrong = error("0");
+  EXPECT_LT(right, 0.35 * wrong) << right << " and " << wrong << "; what is left is that the camera shifts while rows are read";
 }
 
 TEST(Flights, OfARigAreEurocs) {
@@ -180,15 +186,15 @@ TEST(Rigs, AShockIsFoundByStereo) {
   EXPECT_EQ((old.matrix() - load_stereo(rig).T_rl.matrix()).norm(), 0);
   EXPECT_NEAR((old.inverse() * truth).angle() * 180 / M_PI, 1, 1e-9);
   EXPECT_NEAR((old.inverse() * truth).log().head<3>().norm(), 0.01, 1e-9);
-  for (const std::string& input : {out, out + "/rig.jsonl"}) {
-    const std::string said = run({"stereo", input, "--calibration", out + "/calibration/rig.yaml", "--out",
-                                  folder.path("found"), "--depth-sigma", "rendered"});
-    EXPECT_NE(said.find("the rig has moved"), std::string::npos) << said;
-    const SE3 found = load_stereo(folder.path("found/rig.yaml")).T_rl;
-    EXPECT_LT((found.inverse() * truth).angle() * 180 / M_PI, 0.05) << said;
-    EXPECT_LT((found.inverse() * truth).t.norm(), 0.03) << said;
-  }
-  const std::string still = run({"stereo", out, "--calibration", out + "/truth/rig.yaml", "--depth-sigma", "rendered"});
+  const std::string said = run({"stereo", out, "--calibration", out + "/calibration/rig.yaml", "--out", folder.path("found"),
+                                "--depth-sigma", "rendered"});
+  EXPECT_NE(said.find("the rig has moved"), std::string::npos) << said;
+  const SE3 found = load_stereo(folder.path("found/rig.yaml")).T_rl;
+  EXPECT_LT((found.inverse() * truth).angle() * 180 / M_PI, 0.05) << said;
+  EXPECT_LT((found.inverse() * truth).t.norm(), 0.03) << said;
+  // By the true calibration it has not moved; the manifest serves as well as the folder.
+  const std::string still =
+      run({"stereo", out + "/rig.jsonl", "--calibration", out + "/truth/rig.yaml", "--depth-sigma", "rendered"});
   EXPECT_NE(still.find("has not moved"), std::string::npos) << still;
   // One view of the rig is a pair as well.
   run(render(folder.path("view"), {"--rig", rig, "--pose", "150 150 90 1 0 0 0"}));
@@ -220,20 +226,18 @@ TEST(Shards, OfPairsAreMergedToTheSameBits) {
   ICLK_NEED_DEVICE();
   const Folder folder;
   const auto pairs = [&](const char* out, std::vector<std::string> more = {}) {
-    more.insert(more.end(), {"--pairs", "5", "--altitude", "60,90", "--size", "188x120"});
+    more.insert(more.end(), {"--pairs", "4", "--altitude", "60,90", "--size", "188x120"});
     return render(folder.path(out), more);
   };
   run(pairs("whole"));
-  for (const char* shard : {"0/3", "1/3", "2/3"}) run(pairs((std::string("part") + shard[0]).c_str(), {"--shard", shard}));
+  for (const char* shard : {"0/2", "1/2"}) run(pairs((std::string("part") + shard[0]).c_str(), {"--shard", shard}));
   const std::string merged = folder.path("part0");
-  for (const char* part : {"part2", "part1"}) {
-    std::ofstream(merged + "/pairs.jsonl", std::ios::app) << bytes_of(folder.path(part) + "/pairs.jsonl");
-    fs::copy(folder.path(part), merged, fs::copy_options::recursive | fs::copy_options::skip_existing);
-  }
+  std::ofstream(merged + "/pairs.jsonl", std::ios::app) << bytes_of(folder.path("part1/pairs.jsonl"));
+  fs::copy(folder.path("part1"), merged, fs::copy_options::recursive | fs::copy_options::skip_existing);
   EXPECT_NE(run(pairs("part0")).find("0 rendered"), std::string::npos);
   EXPECT_EQ(files_of(merged), files_of(folder.path("whole")));
-  // One after another in one folder as well.
-  for (const char* shard : {"1/2", "0/2"}) run(pairs("one", {"--shard", shard}));
+  // One after another in one folder as well, whose lines are then out of order.
+  run(pairs("one", {"--shard", "1/2"})), run(pairs("one"));
   EXPECT_EQ(files_of(folder.path("one")), files_of(folder.path("whole")));
 }
 
