@@ -48,15 +48,17 @@ def main() -> None:
     K = (300.0, 300.0, 159.5, 119.5)
     terrain = iclk.Terrain(seed=4, size=size, device=args.device)
     tracker = iclk.Tracker(K, depth_sigma="rendered", device=args.device)
+    ground = terrain.height_at(0.35 * size, size / 2)
     found, truth = [], []
     for i in range(args.frames):
-        # East along the middle, looking down and a little ahead, rolling like an aircraft.
-        x, y, roll = 0.35 * size + 1.2 * i, size / 2, 0.02 * np.sin(0.5 * i)
-        ahead = np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]], float).T  # x right is south, y down the image is west
+        # East in bends, up and down, looking down and rolling like an aircraft.
+        x, y, z = 0.35 * size + 1.2 * i, size / 2 + 3 * np.sin(0.3 * i), ground + 45 + 2 * np.cos(0.4 * i)
+        roll = 0.02 * np.sin(0.5 * i)
+        ahead = np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]], float)  # x right is south, y down the image is west
         tilt = np.array([[np.cos(roll), 0, np.sin(roll)], [0, 1, 0], [-np.sin(roll), 0, np.cos(roll)]])
         T_WC = np.eye(4)
         T_WC[:3, :3] = ahead @ tilt
-        T_WC[:3, 3] = x, y, terrain.height_at(0.35 * size, y) + 45
+        T_WC[:3, 3] = x, y, z
         image, depth = terrain.render(T_WC, K, width, height)
         frame = tracker.track(image, depth, stamp=0.1 * i)
         print(f"{frame.time:.1f} s  {frame.status:8}  {frame.reason}")
@@ -73,7 +75,9 @@ def main() -> None:
     (args.out / "points3D.txt").write_text("")
     world = truth[0][1]
     off = [np.linalg.norm((world @ T)[:3, 3] - dict(truth)[stamp][:3, 3]) for stamp, T in found]
-    print(f"{len(found)} of {args.frames} frames tracked, at most {max(off):.3f} m off over {1.2 * (args.frames - 1):.1f} m")
+    places = np.array([T[:3, 3] for _, T in truth])
+    way = np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
+    print(f"{len(found)} of {args.frames} frames tracked, at most {max(off, default=0):.3f} m off over {way:.1f} m")
 
 
 if __name__ == "__main__":
