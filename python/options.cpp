@@ -39,6 +39,7 @@ const std::map<std::string, Setter>& setters() {
       {"structure", into<bool>([](Options & o) -> auto& { return o.refiner.structure; })},
       {"recolour", into<bool>([](Options & o) -> auto& { return o.refiner.feature_alignment.recolour; })},
       {"rolling_shutter", into<bool>([](Options & o) -> auto& { return o.refiner.rolling_shutter; })},
+      {"camera_sigma", into<std::optional<double>>([](Options & o) -> auto& { return o.refiner.pose.camera_sigma; })},
       {"device", into<std::string>([](Options & o) -> auto& { return o.device; })},
       {"solver", [](Options& o, nb::handle value) { o.solver = parse_solver(nb::cast<std::string>(value)); }},
   };

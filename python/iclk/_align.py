@@ -38,6 +38,7 @@ class Options(TypedDict, total=False):
     recolour: bool
     rolling_shutter: bool  #: False: both cameras read all rows at once
     structure: bool  #: refine the inverse depths along with the pose
+    camera_sigma: float | None  #: px, how wrong focal length and principal point are; None: what the pair allows for; 0: exact
 
 
 class Pair(NamedTuple):
