@@ -54,7 +54,7 @@ TEST(DepthOptions, RangesOfDepth) {
 TEST(DepthOptions, PlanesFollowTheMotionOfPixels) {
   const Camera camera{100, 100, 79.5, 59.5, 160, 120};
   SE3 T;
-  T.t = {-0.5, 0, 0};  // 50 px of disparity at 1 m
+  T.t = {-0.5, 0, 0};                                                                         // 50 px of disparity at 1 m
   EXPECT_EQ(planes_for(camera, std::vector{camera}, std::vector{T}, {1, kInfinity}, 1), 64);  // 51, in sixteens
   EXPECT_EQ(planes_for(camera, std::vector{camera}, std::vector{T}, {1, kInfinity}, 0.5), 112);
   EXPECT_EQ(planes_for(camera, std::vector{camera}, std::vector{T}, {1, kInfinity}, 0.01), 256);

@@ -100,6 +100,24 @@ TEST(DepthSweep, PlanesOfKnownInverseDepth) {
   }
 }
 
+/// Fewer views than planned, one of which shows something else and is outvoted.
+TEST(DepthSweep, TheBetterHalfOfTheViewsDecides) {
+  ICLK_NEED_DEVICE();
+  const Eigen::Vector3d plane(0.15, 0.001, 0);
+  const Map a = seen(plane, Eigen::Vector3d::Zero()), wrong = seen({0.3, 0, 0}, {0.3, 0.4, 0});
+  std::vector<Map> maps;
+  const std::vector<Eigen::Vector3d> places = {kLeft, -kLeft, {0, 0.5, 0}, {0, -0.5, 0}, {0.3, 0.4, 0}};
+  for (const Eigen::Vector3d& t : places) maps.push_back(&t == &places.back() ? wrong : seen(plane, t));
+  std::vector<DepthSource> sources;
+  for (size_t i = 0; i < maps.size(); ++i) sources.push_back({view(maps[i]), kCamera, moved(places[i])});
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 8});
+  const DepthMap map = sweep.compute(view(a), kCamera, sources, kRange);
+  const Figures e = error_of(map, plane, 6);
+  EXPECT_LT(e.median, 0.002);
+  EXPECT_GT(e.share, 0.97);
+  EXPECT_GT(map.valid, 0.97);  // what leaves one view lies in another
+}
+
 TEST(DepthSweep, GainAndBiasOfAViewDoNotMatter) {
   ICLK_NEED_DEVICE();
   const Eigen::Vector3d plane(0.1, 0.0005, 0.003);
