@@ -1,0 +1,70 @@
+"""Millions of pairs on Ray: `python -m iclk.ray MANIFEST --out DIR` (`--help`), or a step of a Ray Dataset of your own.
+
+    import iclk.ray, ray
+    pairs = ray.data.read_parquet("pairs/")     # columns: the keys of a manifest of `iclk batch`; images as paths or bytes
+    results = iclk.ray.align(pairs, camera="517.3,516.5,318.6,255.3", depth_scale=5000, workers=4)
+    results.write_parquet("results/")
+
+Needs ``iclk[ray]``: Ray, PyArrow, OpenCV (which decodes the images, as it does for `iclk batch`) and PyYAML.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ._settings import Settings
+
+if TYPE_CHECKING:
+    from ray.data import Dataset
+
+__all__ = ["Settings", "align"]
+
+
+def align(
+    pairs: Dataset,
+    *,
+    workers: int = 1,
+    cpus: float = 1,
+    gpus: float = 0,
+    batch_size: int = 64,
+    camera: str = "",
+    distortion: str = "",
+    depth_scale: float = 0,
+    depth_sigma: str = "auto",
+    mask: str = "",
+    detector: str = "shi-tomasi",
+    count: int = 200,
+    with_features: bool = False,
+    model: str = "auto",
+    device: str = "",
+    batch: int = 0,
+    threads: int = 0,
+    max_pixels: int = 8192 * 8192,
+    **options: Any,
+) -> Dataset:
+    """A row a pair: what `iclk batch` answers, to the bit. Lazy, as all of Ray Data.
+
+    pairs: columns with the names of a manifest's keys (`iclk batch --help`): reference and target, with depth or features;
+    image and feature files as paths, or as bytes of what is in them. workers: processes, each with ``cpus`` and ``gpus`` of
+    Ray's resources (0.5: two share a GPU) and one warm aligner. batch_size: rows a task. batch: pairs on the device at a time,
+    16 unless given, less where its memory does not suffice. threads: that decode; default: one a CPU. Other arguments: options
+    of `iclk batch` and ``iclk.Options``.
+
+    A row has id, status, reason, T_10 (16 numbers), covariance (36), ... (``iclk.ray._worker.SCHEMA``). A pair that cannot be
+    read has the status "error" and the reason. A worker whose device fails ends, and Ray starts another one.
+    """
+    from ._worker import PairWorker
+
+    settings = Settings(
+        camera, distortion, depth_scale, depth_sigma, mask, detector, count, with_features, model, options, device, batch,
+        threads, max_pixels,
+    )  # fmt: skip
+    return pairs.map_batches(
+        PairWorker,
+        fn_constructor_args=(settings, cpus),
+        batch_size=batch_size,
+        batch_format="pyarrow",
+        concurrency=workers,
+        num_cpus=cpus,
+        num_gpus=gpus,
+    )

@@ -1,0 +1,185 @@
+"""python -m iclk.ray"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import time
+from typing import Any
+
+from iclk import Error
+from iclk._models import default_model
+
+MISSING = "iclk.ray: {} is not installed: pip install 'iclk[ray]'"
+
+DESCRIPTION = """\
+Aligns the pairs of a manifest on Ray; the answers are those of `iclk batch`, to the bit.
+
+MANIFEST: JSON lines as of `iclk batch` (its --help has the keys); or a Parquet file or a folder of such, whose columns have the
+names of these keys and hold image and feature files as paths or as bytes. Relative paths begin at the manifest's folder, which
+all machines see under one name, as they do DIR.
+"""
+
+EPILOG = """\
+DIR gets a Parquet file for every --shard-pairs lines, `pairs-000000-of-000040.parquet`, once all of them are done: a row a
+pair, in the manifest's order. T_10 is 16 numbers, covariance 36, row by row. A pair that cannot be read or is badly described
+has the status "error" and the reason; it is not tried again unless --retry asks. Where a machine is at fault (device lost, disk
+or network error, killed), its shard is begun again by a new worker, three times in all; _faults.jsonl says why.
+
+Run the same command again to continue after Ctrl-C, a kill or a lost machine: shards with a file are skipped, and no pair is
+twice in the results. Another manifest, other options or another iclk need another DIR. Not taken from `iclk batch`: --dense,
+--search-grid, --detector random, "errors" (the row has the truth instead) and the watch over files that change.
+
+Examples:
+  python -m iclk.ray pairs.jsonl --camera camera.txt --out results                         # this machine, a worker a core
+  python -m iclk.ray pairs.jsonl --camera camera.txt --out results --workers 2 --cpus 1    # 2 workers
+  python -m iclk.ray pairs.jsonl --camera camera.txt --out results --address auto --gpus 0.5   # the cluster; 2 a GPU
+  python -m iclk.ray pairs.jsonl --camera camera.txt --out results --retry                 # after mending what was broken
+  python -c "import pyarrow.parquet as pq; print(pq.read_table('results').group_by('status').aggregate([('id', 'count')]))"
+
+Exit codes: 0 every pair has a row and none is an error; 20 every pair has a row, some with status "error"; 130 stopped by
+Ctrl-C, 143 by SIGTERM; 2 wrong usage, 3 bad manifest, options or results of another run, 4 a file cannot be read or written,
+5 no Vulkan driver or no such device, 6 machines failed and pairs remain: the same command continues; 1 a defect of iclk.
+"""
+
+EXITS = {"invalid_argument": 3, "unsupported": 3, "io": 4, "no_driver": 5, "no_device": 5}
+
+
+def parser() -> argparse.ArgumentParser:
+    p = argparse.ArgumentParser(
+        "python -m iclk.ray", description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    p.add_argument("manifest", metavar="MANIFEST")
+    p.add_argument("--out", required=True, metavar="DIR", help="results; continued if they are there already")
+    where = p.add_argument_group("where it runs")
+    where.add_argument("--address", help="of a Ray cluster, auto: this machine's; default: Ray on this machine")
+    where.add_argument("--workers", type=int, default=0, help="default: as many as the GPUs, else the CPUs, have room for")
+    where.add_argument("--cpus", type=float, default=1, help="of a worker; threads that decode, and of a software device (1)")
+    where.add_argument("--gpus", type=float, help="of a worker, 0.5: two share one; default: 1 where Ray has GPUs, else 0")
+    where.add_argument("--shard-pairs", type=int, default=256, help="pairs a file, which is what a kill costs again (256)")
+    where.add_argument("--retry", action="store_true", help="do shards again in which a pair has the status error")
+    where.add_argument("--device", default="", help="Vulkan device, or cpu; default: the GPU that Ray gives, else the best")
+    where.add_argument("--batch", type=int, default=0, help="pairs on the device at a time; default 16, halved if memory lacks")
+    where.add_argument("--threads", type=int, default=0, help="that decode images; default: one a CPU of the worker")
+    what = p.add_argument_group("what is done, as `iclk batch --help` says of the same options")
+    what.add_argument("--camera", default="")
+    what.add_argument("--distortion", default="")
+    what.add_argument("--depth-scale", type=float, default=0)
+    what.add_argument("--depth-sigma", default="auto")
+    what.add_argument("--mask", default="", metavar="FILE")
+    what.add_argument("--max-pixels", type=int, default=8192 * 8192)
+    what.add_argument("--detector", choices=("shi-tomasi", "grid"), default="shi-tomasi")
+    what.add_argument("--count", type=int, default=200)
+    what.add_argument("--with-features", action="store_true")
+    what.add_argument("--model", default=default_model(), metavar="FILE|classical|auto")
+    what.add_argument("--solver", choices=("host", "device", "cpu"))
+    what.add_argument("--levels", type=int)
+    what.add_argument("--iterations", type=int)
+    what.add_argument("--carry", type=float)
+    what.add_argument("--robust", choices=("unit", "huber", "tukey", "cauchy"))
+    what.add_argument("--precision", choices=("fp32", "fp16"))
+    what.add_argument("--damping", choices=("fixed", "adaptive"))
+    what.add_argument("--lambda", type=float, dest="damping_lambda")
+    what.add_argument("--search", choices=("auto", "on", "off", "rotations"))
+    what.add_argument("--search-rotation", type=float)
+    what.add_argument("--photometric", action=argparse.BooleanOptionalAction, default=None)
+    what.add_argument("--no-refine", action="store_const", const=False, dest="refine")
+    what.add_argument("--refine-rounds", type=int)
+    what.add_argument("--no-recolour", action="store_const", const=False, dest="recolour")
+    what.add_argument("--global-shutter", action="store_const", const=False, dest="rolling_shutter")
+    what.add_argument("--structure", action="store_const", const=True)
+    return p
+
+
+OPTIONS = (
+    "solver", "levels", "iterations", "carry", "robust", "precision", "damping", "damping_lambda", "search", "search_rotation",
+    "photometric", "refine", "refine_rounds", "recolour", "rolling_shutter", "structure",
+)  # fmt: skip
+
+
+def check(a: argparse.Namespace) -> None:
+    for name, low in (("workers", 0), ("shard_pairs", 1), ("batch", 0), ("threads", 0), ("count", 1), ("max_pixels", 1)):
+        if getattr(a, name) < low:
+            raise Error("invalid_argument", f"--{name.replace('_', '-')} {getattr(a, name)} must be at least {low}")
+    if not a.cpus > 0 or (a.gpus is not None and not a.gpus >= 0) or not a.depth_scale >= 0:
+        raise Error("invalid_argument", "--cpus must be positive, --gpus and --depth-scale not negative")
+
+
+class Progress:
+    def __init__(self, total: int, before: int) -> None:
+        self.total, self.before, self.done, self.errors = total, before, 0, 0
+        self.processor = 0.0  # s, of the workers
+        self.began = self.shown = time.monotonic()
+
+    def rate(self) -> float:
+        return self.done / max(time.monotonic() - self.began, 1e-9)
+
+    def show(self) -> None:
+        now = time.monotonic()
+        terminal = sys.stderr.isatty()
+        if now - self.shown < (0.1 if terminal else 10):
+            return
+        self.shown = now
+        at = self.before + self.done
+        text = f"{at}/{self.total}  {100 * at / self.total:.1f} %  {self.rate():.3g} pairs/s"
+        text += f"  {span((self.total - at) / max(self.rate(), 1e-9))} left"
+        text += f"  {self.errors} failed" if self.errors else ""
+        print(f"\r{text}\x1b[K" if terminal else text, end="" if terminal else "\n", file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        if sys.stderr.isatty():
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+def span(seconds: float) -> str:
+    s = round(min(seconds, 1e9))
+    return f"{s} s" if s < 60 else f"{s // 60} min {s % 60} s" if s < 3600 else f"{s // 3600} h {s % 3600 // 60} min"
+
+
+def code_of(error: BaseException) -> str:
+    """Of an iclk.Error that a worker raised, under whatever Ray wraps it in; empty: of none."""
+    text = str(error)
+    for name in ("no_driver", "no_device", "invalid_argument", "unsupported", "io"):
+        if f"[iclk {name}]" in text:
+            return name
+    return ""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    a = parser().parse_args(arguments)
+    try:
+        import cv2  # noqa: F401
+        import pyarrow  # noqa: F401
+        import ray  # noqa: F401
+        import yaml  # noqa: F401
+    except ImportError as e:
+        print(MISSING.format(e.name), file=sys.stderr)
+        return 2
+    from ._run import run
+
+    def stop(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt(number)
+
+    before = signal.signal(signal.SIGTERM, stop)
+    try:
+        check(a)
+        return run(a, {name: getattr(a, name) for name in OPTIONS if getattr(a, name) is not None}, Progress)
+    except KeyboardInterrupt as e:
+        print("\niclk.ray: stopped; the same command continues", file=sys.stderr)
+        return 128 + (e.args[0] if e.args else signal.SIGINT)
+    except Error as e:
+        print(f"iclk.ray: {e}", file=sys.stderr)
+        return EXITS.get(e.code, 6)
+    except OSError as e:
+        print(f"iclk.ray: {e.filename or a.manifest}: {e.strerror or e}", file=sys.stderr)
+        return 4
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+if __name__ == "__main__":
+    code = main()
+    sys.stdout.flush()
+    os._exit(code) if code >= 128 else sys.exit(code)
