@@ -16,6 +16,7 @@ namespace {
 
 std::atomic<int> pending = 0;
 std::atomic<bool> ending = false;
+std::thread::id ended_by;
 
 /// The threads that were at work are not in a forked process.
 const int registered = pthread_atfork(nullptr, nullptr, [] { pending = 0; });
@@ -24,7 +25,14 @@ const int registered = pthread_atfork(nullptr, nullptr, [] { pending = 0; });
 
 Working::Working() {
   static_cast<void>(registered);
-  if (ending) throw Error(ErrorCode::unsupported, "the interpreter is ending: nothing new is begun");
+  if (ending) {
+    if (std::this_thread::get_id() == ended_by)
+      throw Error(ErrorCode::unsupported, "the interpreter is ending: nothing new is begun");
+    // A daemon thread. What it would print of an exception while the interpreter goes can abort the process, so it waits for
+    // the end, as CPython 3.14 lets it do by itself.
+    const nb::gil_scoped_release released;
+    for (;;) pause();
+  }
   ++pending;
   released_.emplace();
 }
@@ -35,6 +43,7 @@ Working::~Working() {
 }
 
 void finish_work() {
+  ended_by = std::this_thread::get_id();
   ending = true;
   const nb::gil_scoped_release released;
   while (pending > 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));

@@ -13,7 +13,8 @@ namespace iclk::python {
 /// for (finish_work), since a thread that asks for the GIL later is ended in the middle of our frames.
 class Working {
  public:
-  /// Precondition: the GIL is held. Throws Error(unsupported) once the interpreter is ending.
+  /// Precondition: the GIL is held. Once the interpreter is ending it throws Error(unsupported) in the thread that ends it, and
+  /// never returns in another.
   Working();
   ~Working();
   Working(const Working&) = delete;

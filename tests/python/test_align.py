@@ -7,7 +7,7 @@ import pickle
 import iclk
 import numpy as np
 import pytest
-from conftest import Scene, make_scene, pose
+from conftest import VULKAN, Scene, make_scene, pose
 
 
 def test_the_pose_is_right(scene: Scene, device: str | None) -> None:
@@ -158,9 +158,9 @@ def test_other_errors(small: Scene) -> None:
         iclk.Aligner(160, 120, dampfing="fixed")  # type: ignore[call-arg]
     with pytest.raises(TypeError, match="levels is of the wrong type: str"):
         iclk.Aligner(160, 120, levels="four")  # type: ignore[arg-type]
-    with pytest.raises(iclk.Error, match="no-such-device") as caught:
+    with pytest.raises(iclk.Error, match="no-such-device" if VULKAN else "cpu") as caught:
         iclk.Aligner(160, 120, device="no-such-device")
-    assert caught.value.code in ("no_device", "no_driver")
+    assert caught.value.code == ("no_device" if VULKAN else "no_driver")
     aligner = iclk.Aligner(160, 120, "classical", "cpu", references=2)
     with pytest.raises(ValueError, match="outside the plan's 0 to 1"):
         aligner.set_reference(2, small.reference, small.uv, small.z, small.K)

@@ -126,8 +126,7 @@ def test_the_interpreter_may_end_while_work_is_under_way(device: str | None) -> 
         device,
     )
     out, error = child.communicate(timeout=120)
-    assert (child.returncode, out) == (0, "end\n"), error
-    assert "Fatal" not in error and "Segmentation" not in error and "terminate" not in error, error
+    assert (child.returncode, out, error) == (0, "end\n", "")
 
 
 FORK = """
@@ -146,7 +145,7 @@ FORK = """
         assert (own == first).all() and again.shape == (4, 4)
         return message
     with multiprocessing.get_context("fork").Pool(1) as pool:
-        print(pool.map(worker, [0])[0])
+        print(pool.map(worker, [0])[0], flush=True)
     assert (a.align(0, s.target).T_10 == first).all()
     if os.fork() == 0:
         del a
