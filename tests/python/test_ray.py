@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from iclk.ray.__main__ import parser
 from conftest import make_scene
 from test_parity import save
 
@@ -183,6 +184,29 @@ def test_a_killed_worker_loses_and_repeats_nothing(manifest: Path, wanted: dict[
     assert all(name.stat().st_mtime_ns == before[name] for name in before if name != lost)
 
 
+STEP = """
+import sys, ray, iclk.ray
+ray.init(num_cpus=2)
+path = sys.argv[1]
+row = {key: f"{path}/grey{name}" for key, name in (("reference", "0.ppm"), ("target", "1.ppm"), ("depth", "_depth.png"))}
+pairs = ray.data.from_items([{"id": str(i), **row, "depth": row["depth"] if i else "none.png"} for i in range(3)])
+options = {"camera": sys.argv[2], "depth_scale": 5000, "model": "classical", "solver": "cpu"}
+for r in sorted(iclk.ray.align(pairs, workers=1, **options).take_all(), key=lambda r: r["id"]):
+    print(r["id"], r["status"], *(r["T_10"] if r["T_10"] is not None else []))
+"""
+
+
+@needs_ray
+@needs_command
+def test_a_step_of_a_dataset(manifest: Path, wanted: dict[str, dict]) -> None:
+    environment = {**os.environ, "RAY_USAGE_STATS_ENABLED": "0", "RAY_worker_niceness": "0"}
+    words = [sys.executable, "-c", STEP, str(manifest.parent), CAMERA]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=300)
+    rows = [line.split() for line in done.stdout.splitlines() if line[:2] in ("0 ", "1 ", "2 ")]
+    assert [row[1] for row in rows] == ["error", "converged", "converged"], done.stderr
+    assert [float(x) for x in rows[2][2:]] == np.ravel(wanted["2"]["T_10"]).tolist()
+
+
 @needs_ray
 def test_what_is_wrong_has_an_exit_code(manifest: Path, tmp_path: Path) -> None:
     twice = tmp_path / "twice.jsonl"
@@ -222,7 +246,11 @@ def test_a_machines_failure_is_not_the_pairs(manifest: Path, tmp_path: Path, mon
 
 def test_help_needs_no_ray_and_the_rest_says_what_is_missing(tmp_path: Path) -> None:
     help_text = run("--help").communicate(timeout=120)[0]
-    assert "Examples:" in help_text and "Exit codes:" in help_text
+    assert "Exit codes:" in help_text
+    examples = [line.split("#")[0].split()[3:] for line in help_text.splitlines() if line.startswith("  python -m iclk.ray")]
+    assert len(examples) == 4
+    for words in examples:
+        parser().parse_args(words)
     if MISSING:
         process = run(tmp_path / "pairs.jsonl", "--out", tmp_path / "o")
         assert "pip install 'iclk[ray]'" in process.communicate(timeout=120)[1] and process.returncode == 2

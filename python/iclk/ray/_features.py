@@ -160,9 +160,9 @@ def _corners(grey: Image, smooth: Image, some: Image, count: int, border: int, p
         live, found = buckets, True
         while found and len(picker.at) < count:
             corners, still = [], []
+            mask = cv2.bitwise_and(strong, picker.free)
             for bucket in live:
-                mask = cv2.bitwise_and(strong[bucket], picker.free[bucket])
-                _, value, _, (x, y) = cv2.minMaxLoc(response[bucket], mask)
+                _, value, _, (x, y) = cv2.minMaxLoc(response[bucket], mask[bucket])
                 if value > 0:
                     corners.append((value, x + bucket[1].start, y + bucket[0].start))
                     still.append(bucket)

@@ -132,7 +132,7 @@ def _align(a: argparse.Namespace, settings: Settings, output: Output, left: list
 def _sum_up(a: argparse.Namespace, output: Output, pairs: int, progress: Any, why: str) -> int:
     done = output.done(False)
     seconds = time.monotonic() - progress.began
-    each = f"{progress.processor / max(progress.done, 1):.3f} s of processor each"
+    each = f"{progress.processor / max(progress.done, 1):.4f} s of processor each"
     rate = f" ({progress.rate():.2f} pairs/s, {each})" if progress.done else ""
     earlier = f", {progress.before} before" if progress.before else ""
     print(f"{progress.done} pairs in {seconds:.0f} s{rate}{earlier}; results in {a.out}")
