@@ -50,12 +50,7 @@ double sharpness(const Map& grey) {
 double mean_inverse_depth(const Keyframe& keyframe) {
   double sum = 0;
   for (const double q : keyframe.features.inverse_depth) sum += q;
-  return sum / known_features(keyframe);
-}
-
-int known_features(const Keyframe& keyframe) {
-  const std::vector<double>& q = keyframe.features.inverse_depth;
-  return static_cast<int>(std::count_if(q.begin(), q.end(), [](double x) { return x > 0; }));
+  return sum / static_cast<double>(keyframe.features.inverse_depth.size());
 }
 
 Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC) {
@@ -64,7 +59,6 @@ Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC)
   int visible = 0;
   for (size_t i = 0; i < keyframe.features.uv.size(); ++i) {
     const double q = keyframe.features.inverse_depth[i];
-    if (!(q > 0)) continue;
     const Eigen::Vector3d p = T_10.R * camera.ray(keyframe.features.uv[i]) + q * T_10.t;
     if (!(p.z() > 1e-3)) continue;
     const Eigen::Vector2d uv = camera.project(p);
@@ -77,7 +71,7 @@ Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC)
   }
   if (visible == 0) return out;
   out.flow /= visible;
-  out.visible = static_cast<double>(visible) / known_features(keyframe);
+  out.visible = static_cast<double>(visible) / static_cast<double>(keyframe.features.uv.size());
   return out;
 }
 

@@ -37,12 +37,12 @@ struct Keyframe {
   double sharpness = 0;
   SE3 T_WC;
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, while its rows were read, beyond what they were unrolled with
-  Features features;                               ///< inverse depths as they are known now; 0: not yet
+  Features features;                               ///< inverse depths as they are known now
   std::vector<double> measured, sigma;  ///< inverse depths as the sensor had them, and their standard deviations; 0: not known
   bool with_depth = false;              ///< a sensor measured most of its features
-  /// A feature whose depth is not known yet.
+  /// A place that becomes a feature when its depth is known.
   struct Seed {
-    int feature = 0;
+    Eigen::Vector2d uv = Eigen::Vector2d::Zero();
     DepthFilter filter;
   };
   std::vector<Seed> seeds;
@@ -59,13 +59,11 @@ struct Keyframe {
   std::map<int, std::vector<AlignedFeature>> sightings;
 };
 
-/// Of the features whose depth is known; how many they are.
 double mean_inverse_depth(const Keyframe& keyframe);
-int known_features(const Keyframe& keyframe);
 
 /// What camera T_WC would see of a keyframe.
 struct Overlap {
-  double visible = 0;  ///< share of its features of known depth that lie in the image, a patch away from the border
+  double visible = 0;  ///< share of its features that lie in the image, a patch away from the border
   double flow = 0;     ///< px, mean motion of those features
 };
 Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC);

@@ -54,7 +54,7 @@ void Tracker::Impl::carry(const TrackFrame& frame, const std::vector<Neighbour>&
     for (size_t i = 0; i < n.there.features.size(); ++i) {
       const AlignedFeature& f = n.there.features[i];
       const double q = k.features.inverse_depth[i];
-      if (f.status != FeatureStatus::aligned || !(q > 0)) continue;
+      if (f.status != FeatureStatus::aligned) continue;
       const Eigen::Vector3d ray = camera.ray(k.features.uv[i]), r = T.R * ray, p = r + q * T.t;
       constexpr double kBorder = ICLK_PATCH;
       if (!(p.z() > 1e-3) || !(f.uv1.array() >= kBorder).all() || f.uv1.x() > camera.width - 1 - kBorder ||
@@ -86,33 +86,28 @@ void Tracker::Impl::carry(const TrackFrame& frame, const std::vector<Neighbour>&
   }
 }
 
-void Tracker::Impl::sow(Keyframe& k, const Map& grey, const TrackFrame& frame, int most) {
-  const std::vector<double> known = k.features.inverse_depth;
-  const std::vector<Eigen::Vector2d> places = k.features.uv;
+void Tracker::Impl::sow(Keyframe& k, const Map& grey, const TrackFrame& frame) {
+  const std::vector<double>& known = k.features.inverse_depth;
+  const std::vector<Eigen::Vector2d>& places = k.features.uv;
   std::vector<double> sorted = known;
   std::sort(sorted.begin(), sorted.end());
   const double low = kFarther * sorted[sorted.size() / 20], high = kNearer * sorted[sorted.size() - 1 - sorted.size() / 20];
-  k.features.inverse_depth_sigma.resize(places.size());
-  for (const Eigen::Vector2d& uv : detect_seeds(grey, frame.depth, frame.mask, places, most, options.detector)) {
+  for (const Eigen::Vector2d& uv : detect_seeds(grey, frame.depth, frame.mask, places, options.seeds, options.detector)) {
     std::vector<std::pair<double, size_t>> near;
     for (size_t i = 0; i < places.size(); ++i) near.emplace_back((places[i] - uv).squaredNorm(), i);
     const size_t n = std::min(kNearest, near.size());
     std::partial_sort(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(n), near.end());
     std::vector<double> about;
     for (size_t i = 0; i < n; ++i) about.push_back(known[near[i].second]);
-    Keyframe::Seed seed{static_cast<int>(k.features.uv.size()), DepthFilter::between(low, high)};
-    seed.filter.mean = median(std::move(about));
-    k.seeds.push_back(seed);
-    k.features.uv.push_back(uv);
-    k.features.inverse_depth.push_back(0);
-    k.features.inverse_depth_sigma.push_back(0);
+    k.seeds.push_back({uv, DepthFilter::between(low, high)});
+    k.seeds.back().filter.mean = median(std::move(about));
   }
 }
 
 void Tracker::Impl::sight(Keyframe& k, const Pyramid& f0, const Pyramid& f1, const SE3& T_10, const Matrix6d& covariance) {
   for (Keyframe::Seed& seed : k.seeds) {
     DepthFilter& filter = seed.filter;
-    const Eigen::Vector2d& uv = k.features.uv[static_cast<size_t>(seed.feature)];
+    const Eigen::Vector2d& uv = seed.uv;
     if (parallax(camera, uv, filter.mean, T_10) * filter.sigma < kWorthwhile) continue;
     const Eigen::Vector3d p = T_10.R * camera.ray(uv) + filter.mean * T_10.t;
     if (!(p.z() > 1e-3) || !camera.contains(camera.project(p))) continue;
@@ -134,15 +129,19 @@ int Tracker::Impl::harvest(Keyframe& k, int least) {
   const auto known = [&](const Keyframe::Seed& s) {
     return s.filter.sigma < enough && s.filter.inlier_share() > kGoodShare && s.filter.mean > s.filter.sigma;
   };
-  const auto count = static_cast<int>(std::count_if(k.seeds.begin(), k.seeds.end(), known));
-  if (count < least || count == 0) return 0;
-  for (const Keyframe::Seed& s : k.seeds) {
-    if (!known(s)) continue;
-    const auto i = static_cast<size_t>(s.feature);
-    k.features.inverse_depth[i] = k.measured[i] = s.filter.mean;
-    k.features.inverse_depth_sigma[i] = k.sigma[i] = s.filter.sigma;
+  const auto ready = std::count_if(k.seeds.begin(), k.seeds.end(), known);
+  const int count = std::min(static_cast<int>(ready), options.detector.count - k.features.size());
+  if (count < least || count <= 0) return 0;
+  for (int taken = 0; taken < count; ++taken) {
+    const auto next = std::find_if(k.seeds.begin(), k.seeds.end(), known);
+    k.features.uv.push_back(next->uv);
+    k.features.inverse_depth.push_back(next->filter.mean);
+    k.features.inverse_depth_sigma.push_back(next->filter.sigma);
+    k.measured.push_back(next->filter.mean);
+    k.sigma.push_back(next->filter.sigma);
+    k.seeds.erase(next);
   }
-  std::erase_if(k.seeds, known);
+  if (k.features.size() == options.detector.count) k.seeds.clear();
   return count;
 }
 

@@ -26,7 +26,7 @@ void archive(Stream& s, Keyframe::Origin& o) {
 
 template <class Stream>
 void archive(Stream& s, Keyframe::Seed& seed) {
-  archive_all(s, seed.feature, seed.filter.mean, seed.filter.sigma, seed.filter.a, seed.filter.b, seed.filter.range);
+  archive_all(s, seed.uv, seed.filter.mean, seed.filter.sigma, seed.filter.a, seed.filter.b, seed.filter.range);
 }
 
 template <class Stream>

@@ -18,6 +18,8 @@ constexpr double kLittleVisible = 0.5;
 /// times min_inliers or of those visible, are left.
 constexpr double kSomeFlow = 0.03, kFewOfVisible = 0.5;
 constexpr int kFewInliers = 3;
+/// Of the features that a sensor leaves to be found, those that others may bring: what is new needs places, too.
+constexpr double kCarried = 0.6;
 /// A frame that is so much sharper than its keyframe is the better one.
 constexpr double kMuchSharper = 1.3;
 
@@ -58,7 +60,7 @@ void TrackerOptions::check() const {
 }
 
 Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
-  Plan plan{.width = camera.width, .height = camera.height, .max_features = options.detector.count + options.seeds};
+  Plan plan{.width = camera.width, .height = camera.height, .max_features = options.detector.count};
   plan.max_references = options.keyframes;
   plan.max_pairs = 2 * options.window;
   const bool masks = options.masks || options.readout != 0;  // unrolled images are not seen everywhere
@@ -97,7 +99,7 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   std::vector<Neighbour> neighbours = neighbours_of(frame, T_WC);
   // A sensor that has enough needs no help, and is better.
   const bool help = options.seeds > 0 && measured < options.detector.count;
-  if (help) carry(frame, neighbours, options.detector.count - measured, features);
+  if (help) carry(frame, neighbours, static_cast<int>(kCarried * (options.detector.count - measured)), features);
   if (features.size() < 2 * options.min_inliers) return false;
   Keyframe& k = keyframes.add(frame.time, T_WC);
   k.sharpness = sharpness(grey);
@@ -105,7 +107,7 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   k.origin = origin;
   k.with_depth = 2 * measured >= features.size();
   k.features = std::move(features);
-  if (help) sow(k, grey, frame, options.detector.count + options.seeds - k.features.size());
+  if (help) sow(k, grey, frame);
   k.measured = k.features.inverse_depth;
   k.sigma = k.features.inverse_depth_sigma;
   k.sigma.resize(k.measured.size());
@@ -215,7 +217,7 @@ TrackResult Tracker::track(const TrackFrame& given) {
   result.T_WC = k.T_WC * a.T_10.inverse();
   result.T_WC.orthonormalize();
   result.covariance = a.covariance;
-  result.features = known_features(k);
+  result.features = k.features.size();
   result.visible = a.visible;
   result.inliers = a.inliers;
   result.sigma = a.sigma;

@@ -34,9 +34,9 @@ struct TrackerOptions {
   DepthNoise depth_noise{.constant = 0.0016};  ///< of a structured light camera, 1 / m
   bool masks = false;                          ///< frames come with masks
   int keyframes = 32;                          ///< held at most, each in a slot of the aligner
-  /// Features more in a keyframe, at most, where no depth is known: found again from other keyframes, and seeds, whose depth
-  /// the frames that follow tell (depth_filter.h). With 0 a frame without depth becomes no keyframe.
-  int seeds = 100;
+  /// Places without depth in a keyframe that the sensor gives less than detector.count features, at most: they become features
+  /// when the frames that follow have told their depth (depth_filter.h). With 0 a frame without depth becomes no keyframe.
+  int seeds = 200;
   int window = 8;            ///< keyframes that a new one is aligned with, and the newest that are adjusted together
   double min_visible = 0.7;  ///< of a keyframe's features: a frame that sees fewer becomes a keyframe
   double max_flow = 0.15;    ///< of the image's width: so does one in which they moved farther

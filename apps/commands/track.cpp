@@ -139,10 +139,10 @@ void add_track(CLI::App& app) {
   command->option_defaults()->group("Tracking");
   command->add_option("--count", tracker.detector.count, "Features a keyframe")->capture_default_str();
   command
-      ->add_option(
-          "--seeds", tracker.seeds,
-          "Features more a keyframe, where no depth is known: the frames that follow tell it; 0: none, and no keyframes "
-          "of frames without depth")
+      ->add_option("--seeds", tracker.seeds,
+                   "Places a keyframe whose depth the frames that follow tell, where the sensor has too little; 0: none, and "
+                   "no keyframes "
+                   "of frames without depth")
       ->capture_default_str();
   command->add_option("--keyframes", tracker.keyframes, "Keyframes that are held; the oldest leave")->capture_default_str();
   command->add_option("--window", tracker.window, "Newest keyframes that are adjusted together")->capture_default_str();

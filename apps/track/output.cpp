@@ -95,7 +95,6 @@ std::string map_ply(const Tracker& tracker, const Camera& camera) {
   for (const auto& [id, k] : tracker.keyframes().all()) {
     const Map grey = grey_map(k.pixels.frame(camera).image);
     for (size_t i = 0; i < k.features.uv.size(); ++i) {
-      if (!(k.features.inverse_depth[i] > 0)) continue;
       const Eigen::Vector2d& uv = k.features.uv[i];
       const Eigen::Vector3d X = k.T_WC * (camera.ray(uv) / k.features.inverse_depth[i]);
       const int value = std::clamp(static_cast<int>(std::lround(255 * grey.bilinear(uv.x(), uv.y()))), 0, 255);

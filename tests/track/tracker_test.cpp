@@ -264,7 +264,6 @@ TEST(Tracker, DepthOfTheFirstFrameIsEnough) {
   const auto frame = static_cast<size_t>(std::lround(last.time / 0.1));
   for (size_t i = 0; i < last.features.uv.size(); ++i) {
     const double q = last.features.inverse_depth[i];
-    if (!(q > 0)) continue;
     const Eigen::Vector2d& uv = last.features.uv[i];
     const Eigen::Vector3d X = Flight::get().truth[frame] * (Flight::get().camera.ray(uv) / q);
     beyond += !Flight::get().camera.contains(Flight::get().camera.project(origin.inverse() * X));

@@ -58,7 +58,7 @@ struct Tracker::Impl {
   // seeds.cpp
   /// Adds features of the neighbours that were found in the frame, where it has no depth and no feature yet.
   void carry(const TrackFrame& frame, const std::vector<Neighbour>& neighbours, int most, Features& to) const;
-  void sow(Keyframe& k, const Map& grey, const TrackFrame& frame, int most);
+  void sow(Keyframe& k, const Map& grey, const TrackFrame& frame);
   /// Looks for the seeds of a keyframe, whose pyramid is `f0`, in another image.
   void sight(Keyframe& k, const Pyramid& f0, const Pyramid& f1, const SE3& T_10, const Matrix6d& covariance);
   /// Makes features of the seeds that are known by now, if there are so many. How many became features.
