@@ -1,7 +1,9 @@
 #include "apps/io/video.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <iterator>
 
 #include <fmt/format.h>
 #include <opencv2/videoio.hpp>
@@ -14,7 +16,9 @@ namespace iclk {
 
 void Video::open() {
   capture_ = std::make_unique<cv::VideoCapture>();
-  if (!capture_->open(path_))
+  // Those that read files: OpenCV would go on to ask the cameras that are plugged in.
+  constexpr cv::VideoCaptureAPIs files[] = {cv::CAP_FFMPEG, cv::CAP_GSTREAMER, cv::CAP_OPENCV_MJPEG};
+  if (std::none_of(std::begin(files), std::end(files), [&](int reader) { return capture_->open(path_, reader); }))
     throw Error(ErrorCode::io, path_ + ": no video that can be read: broken, cut off, or of a codec that OpenCV lacks here");
   capture_->set(cv::CAP_PROP_ORIENTATION_AUTO, 0);
   next_ = 0;
