@@ -81,16 +81,18 @@ std::vector<AlignedFeature> straight(const View& view, const RefinedAlignment& r
   return features;
 }
 
-/// Pose and turn of a target that is bent, if that is proven and no feature is lost by it. What that adds to the covariance.
+/// Pose and turn of a target that is bent, if that is proven and no feature is lost by it. Returned is what the turn adds to
+/// the covariance, or the doubt whether it is there.
 Matrix6d unbend(const View& view, const PoseOptions& options, RefinedAlignment& r, PoseResult& pose) {
   const Stopwatch time;
-  const std::optional<TurnEstimate> found = proven_turn(view.camera, view.features, r.features, pose.T_10);
+  const std::optional<TurnEstimate> found = pair_turn(view.camera, view.features, r.features, pose.T_10);
   if (!found) return Matrix6d::Zero();
+  if (!found->proven(view.camera)) return found->doubt(pose.T_10);
   r.turn = found->turn;
   PoseResult better = refine_pose(view.camera, view.features, straight(view, r), found->T_10, options);
   if (!usable(better.status) || better.inliers < pose.inliers) {
     r.turn.reset();
-    return Matrix6d::Zero();
+    return found->doubt(pose.T_10);
   }
   pose = std::move(better);
   Stage& pose_stage = stage(r, "pose");

@@ -21,7 +21,8 @@ struct RefinerOptions {
   double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
 
   /// Where the features prove that the target is bent, since its camera turned otherwise than the reference's while the rows
-  /// were read, the bend is taken out of their positions before the pose is stated: proven_turn().
+  /// were read, the bend is taken out of their positions before the pose is stated. Where they do not, the covariance allows
+  /// for it: pair_turn().
   bool rolling_shutter = true;
 
   // What a converged result has to show.

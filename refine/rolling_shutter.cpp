@@ -22,6 +22,8 @@ constexpr double kProvenChi2 = 50;
 constexpr double kProvenBend = 0.5;  // px
 /// rad: a camera at 100 degrees a second turns so far in 30 ms.
 constexpr double kPriorSigma = 0.05;
+/// rad: 20 degrees a second, which a hand does, in 30 ms.
+constexpr double kExpectedTurn = 0.01;
 constexpr double kFirstSigma = 1, kLeastSigma = 0.1;  // px
 constexpr int kScales = 3;
 
@@ -54,6 +56,20 @@ double TurnEstimate::chi2() const { return turn.dot(covariance.llt().solve(turn)
 double TurnEstimate::bend(const Camera& camera) const {
   const double radius = std::max(camera.width, camera.height) / 4.0;  // of an ordinary pixel about the optical axis
   return Eigen::Vector3d(turn.x() * camera.fy, turn.y() * camera.fx, turn.z() * radius).norm() / 2;
+}
+
+bool TurnEstimate::proven(const Camera& camera) const { return chi2() > kProvenChi2 && bend(camera) > kProvenBend; }
+
+double TurnEstimate::probability() const {
+  const Eigen::Matrix3d L = covariance.llt().matrixL();
+  // The logarithm of the two likelihoods' ratio, by Laplace's approximation.
+  const double odds = 0.5 * chi2() + L.diagonal().array().log().sum() - 3 * std::log(kExpectedTurn);
+  return 1 / (1 + std::exp(-odds));
+}
+
+Matrix6d TurnEstimate::doubt(const SE3& straight) const {
+  const Vector6d way = (straight.inverse() * T_10).log();
+  return probability() * (way * way.transpose() + pose_share);
 }
 
 std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
@@ -99,8 +115,8 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10,
   return out;
 }
 
-std::optional<TurnEstimate> proven_turn(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
-                                        const SE3& T_10) {
+std::optional<TurnEstimate> pair_turn(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                                      const SE3& T_10) {
   std::vector<RollingSighting> sightings;
   for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, kLeastSigma))
     sightings.push_back({o.uv0, o.uv1, o.q});
@@ -111,8 +127,7 @@ std::optional<TurnEstimate> proven_turn(const Camera& camera, const Features& fe
     if (!found) return {};
     sigma = std::max(kLeastSigma, scatter(camera, *found, sightings));
   }
-  if (found->turn.allFinite() && found->chi2() > kProvenChi2 && found->bend(camera) > kProvenBend) return found;
-  return {};
+  return found;
 }
 
 Eigen::Vector2d unrolled(const Camera& camera, const Eigen::Vector3d& turn, const Eigen::Vector2d& uv) {

@@ -14,6 +14,7 @@ import numpy as np
 import torch
 
 import appearance
+from poses import pose
 from recipe import InputError
 from reference import PATCH
 
@@ -25,25 +26,6 @@ cv2.setNumThreads(1)  # reading ahead takes processes
 
 
 # ----------------------------------------------------------------------------- manifests
-def pose(value):
-    """4x4 or 3x4 lists, or a TUM line tx ty tz qx qy qz qw."""
-    if isinstance(value, str):
-        numbers = np.array([float(x) for x in value.split()][-7:])
-        t, q = numbers[:3], numbers[3:] / np.linalg.norm(numbers[3:])
-        x, y, z, w = q
-        R = np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                      [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                      [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]])
-    else:
-        T = np.array(value, dtype=np.float64)
-        if T.shape not in ((3, 4), (4, 4)):
-            raise ValueError('no 4x4 matrix')
-        R, t = T[:3, :3], T[:3, 3]
-    if not np.allclose(R @ R.T, np.eye(3), atol=1e-4):
-        raise ValueError('its rotation is none')
-    return R, t
-
-
 def parse_line(where, line, folder):
     def refuse(why):
         raise InputError(f'{where}: {why}')

@@ -4,9 +4,9 @@ import os
 
 import numpy as np
 
-from data import pose
+from files import write_text
+from poses import pose
 from recipe import InputError
-from run_folder import write_text
 
 APART = 0.04  # s between an image, its depth and its pose, at most; as `iclk batch --tum`
 

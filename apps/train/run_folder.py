@@ -12,29 +12,11 @@ import zipfile
 
 import torch
 
+from files import write_whole
 from recipe import InputError
 
 FORMAT = 'iclk-training-1'
 TENSORS = ('network', 'optimizer')
-
-
-def write_whole(path, write):
-    """write(path of a temporary file), then a rename."""
-    temporary = path + '.tmp'
-    try:
-        write(temporary)
-        with open(temporary, 'rb') as file:
-            os.fsync(file.fileno())
-        os.replace(temporary, path)
-    except OSError as e:
-        raise InputError(f'{path}: {e.strerror}; what was there before is untouched') from None
-
-
-def write_text(path, text):
-    def write(temporary):
-        with open(temporary, 'w', encoding='utf-8') as file:
-            file.write(text)
-    write_whole(path, write)
 
 
 class RunFolder:

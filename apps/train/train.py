@@ -107,7 +107,7 @@ def export_command(args):
 
 def main():
     args = parser().parse_args()
-    need('torch', 'numpy', 'cv2')
+    need('numpy', *(() if args.command == 'pairs' else ('torch', 'cv2')))
     from recipe import InputError
     try:
         if args.command == 'pairs':

@@ -11,9 +11,10 @@ import torch
 import curves
 import losses
 from data import FixedBatches, PairSet, TrainingBatches, epoch_samples, motion, refuse_shared_images, split
+from files import write_text
 from network import TrainedNetwork, export, take_model
 from recipe import InputError, difference
-from run_folder import RunFolder, load_checkpoint, write_text
+from run_folder import RunFolder, load_checkpoint
 
 MOST_SKIPPED = 20  # steps in a row without a finite gradient
 

@@ -62,10 +62,11 @@ struct RefineState {
   uint rounds;  // 0: ICLK's pose is none to refine
 };
 
-// What the features prove of the target's turn while its rows were read: TurnEstimate of refine/rolling_shutter.h.
+// What the features say of the target's turn while its rows were read: TurnEstimate of refine/rolling_shutter.h.
 struct TurnInfo {
   float turn[3];         // rad; zero: none is proven
   float pose_share[36];  // what its uncertainty adds to the covariance of the pose, in the unit of RefinePair
+  float doubt[36];       // what it adds where it is not proven
   RefineState before;    // without it
 };
 

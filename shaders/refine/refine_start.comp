@@ -21,4 +21,5 @@ void main() {
                              results[index].pose);
   states[index] = RefineState(results[index].pose, 0.0, 0.0, 0.0, 0u, 0u, results[index].status, 0u);
   turns[index].turn = float[3](0.0, 0.0, 0.0);
+  for (int i = 0; i < 36; ++i) turns[index].doubt[i] = 0.0;
 }

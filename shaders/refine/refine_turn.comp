@@ -1,7 +1,7 @@
 #version 460
-// After the last round: the turn of the target while its rows were read, if its features prove one: proven_turn() of
-// refine/rolling_shutter.h in single precision. A pair that turned gets one pose more, of the positions as unrolled() has them;
-// the verdict takes it if no feature is lost by it.
+// After the last round: the turn of the target while its rows were read, pair_turn() of refine/rolling_shutter.h in single
+// precision. A pair that is proven to have turned gets one pose more, of the positions as unrolled() has them; the verdict
+// takes it if no feature is lost by it.
 // Inputs: features, where they were found, states. Outputs: turns, the tasks of that pose: none for a pair that is straight.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
@@ -12,7 +12,8 @@ layout(set = 0, binding = 7, std430) buffer Tasks { FeatureTask tasks[]; };
 #include "refine/solve.glsl"
 #include "refine/medians.glsl"
 
-const float CAUCHY = 2.5, PROVEN_CHI2 = 50.0, PROVEN_BEND = 0.5, PRIOR_SIGMA = 0.05, FIRST_SIGMA = 1.0, LEAST_SIGMA = 0.1;
+const float CAUCHY = 2.5, PROVEN_CHI2 = 50.0, PROVEN_BEND = 0.5, PRIOR_SIGMA = 0.05, EXPECTED_TURN = 0.01;
+const float FIRST_SIGMA = 1.0, LEAST_SIGMA = 0.1;
 const int ITERATIONS = 5, SCALES = 3;
 const uint LEAST_SIGHTINGS = 15;
 
@@ -129,14 +130,24 @@ void main() {
   float radius = 0.25 * float(max(push.width, push.height));
   float bend = 0.5 * length(turned * vec3(reference.fy, reference.fx, radius));
   float chi2 = dot(turned, S * turned);
-  if (!(chi2 > PROVEN_CHI2) || !(bend > PROVEN_BEND)) return;
   mat3 C = inverse(S);
+  float odds = 0.5 * chi2 - 0.5 * log(determinant(S)) - 3.0 * log(EXPECTED_TURN);
+  float probability = 1.0 / (1.0 + exp(-odds));
+  // The way from the pose without the turn to the one with it: the logarithm to first order, since they are pixels apart.
+  Pose straight = pose_of(before.pose);
+  mat3 R = transpose(straight.R) * T.R;
+  vec3 rho = transpose(straight.R) * (T.t - straight.t);
+  vec3 phi = 0.5 * vec3(R[1][2] - R[2][1], R[2][0] - R[0][2], R[0][1] - R[1][0]);
+  float way[6] = float[6](rho.x, rho.y, rho.z, phi.x, phi.y, phi.z);
   if (lane < 36u) {
     uint i = lane / 6u, j = lane % 6u;
-    turns[index].pose_share[lane] = dot(vec3(columns[i], columns[6u + i], columns[12u + i]),
-                                        C * vec3(columns[j], columns[6u + j], columns[12u + j]));
+    float share = dot(vec3(columns[i], columns[6u + i], columns[12u + i]),
+                      C * vec3(columns[j], columns[6u + j], columns[12u + j]));
+    float doubt = probability * (way[i] * way[j] + share);
+    turns[index].pose_share[lane] = share;
+    turns[index].doubt[lane] = is_finite(doubt) ? doubt : 0.0;
   }
-  if (lane != 0u) return;
+  if (lane != 0u || !(chi2 > PROVEN_CHI2) || !(bend > PROVEN_BEND)) return;
   turns[index].turn = float[3](turned.x, turned.y, turned.z);
   turns[index].before = before;
   tasks[index].feature_count = pair.feature_count;

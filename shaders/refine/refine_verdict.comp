@@ -146,7 +146,7 @@ void main() {
   }
   barrier();
   if (lane < 36u) {
-    float share = is_refined && bent ? turns[index].pose_share[lane] : 0.0;
+    float share = !is_refined ? 0.0 : bent ? turns[index].pose_share[lane] : turns[index].doubt[lane];
     float part = (shared_part[lane] + share) / ((lane / 6u < 3u ? pair.unit : 1.0) * (lane % 6u < 3u ? pair.unit : 1.0));
     bool own = keeps || state.rounds == 0u;
     refined[index].covariance[lane] =
