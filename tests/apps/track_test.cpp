@@ -52,9 +52,9 @@ TEST(Track, AHandHeldCameraWithItsShutter) {
   const std::string data = data_folder("tum_fr1_rpy_300");
   if (data.empty()) GTEST_SKIP() << "no tum_fr1_rpy_300 in ICLK_DATA or ../shared/data";
   const Finished f = run(
-      {"track", data, "--distortion", "radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "--readout", "auto", "--frames", "120"});
+      {"track", data, "--distortion", "radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "--readout", "auto", "--frames", "60"});
   ASSERT_EQ(f.code, 0) << f.err;
-  EXPECT_LT(number_after(f.out, "adjusted", "ATE "), 2.5) << f.out;
+  EXPECT_LT(number_after(f.out, "adjusted", "ATE "), 1.6) << f.out;
   EXPECT_LT(number_after(f.out, "adjusted", "30 frames "), 3) << f.out;
   EXPECT_NEAR(number_after(f.out, "shutter", "read in "), 28, 5) << f.out;
   EXPECT_LT(number_after(f.out, "of them not confirmed by features, ", "features, "), 15) << f.out;
