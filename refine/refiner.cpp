@@ -237,7 +237,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
         r.reason = r.iclk.reason + "; not refined: " + r.reason;
         r.status = r.iclk.status;
         r.covariance = r.iclk.covariance + internal::depth_covariance(view(i).camera, view(i).features, view(i).checks, r.T_10,
-                                                                      poses[i].depth_sigma);
+                                                                      poses[i].depth_sigma, internal::kMapSigma);
         r.turn.reset();
         r.features.clear();  // what was found is not where the pose puts it
       }

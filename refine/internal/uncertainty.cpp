@@ -175,7 +175,8 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
 }
 
 Matrix6d depth_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
-                          double relative_depth) {
+                          double relative_depth, double common_sigma) {
+  int seen = 0;
   Matrix6d H = Matrix6d::Zero(), single = Matrix6d::Zero();
   Vector6d common = Vector6d::Zero();
   for (size_t i = 0; i < checks.size(); ++i) {
@@ -189,6 +190,7 @@ Matrix6d depth_covariance(const Camera& camera, const Features& features, std::s
     H += J.transpose() * J;
     single += s * s.transpose();
     common += kCommonDepth * s;
+    ++seen;
   }
   const Vector6d diagonal = H.diagonal();
   if (!(diagonal.minCoeff() > 0)) return Matrix6d::Zero();
@@ -197,7 +199,7 @@ Matrix6d depth_covariance(const Camera& camera, const Features& features, std::s
   if (!(eigen.eigenvalues()(0) > ICLK_LEAST_EIGENVALUE)) return Matrix6d::Zero();
   const Matrix6d inverse = unit.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
                            eigen.eigenvectors().transpose() * unit.asDiagonal();
-  return inverse * (single + common * common.transpose()) * inverse;
+  return inverse * (single + common * common.transpose()) * inverse + seen * common_sigma * common_sigma * inverse;
 }
 
 }  // namespace iclk::internal

@@ -44,8 +44,13 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
 
 /// What errors of the inverse depths do to a pose that every patch of 8x8 pixels that it puts into image 1 has had the same say
 /// in: the part of the covariance of ICLK's own pose that its residuals cannot show. The sigma is the feature's own, else
-/// `relative_depth`; half of it is common to all, as above. Zero where the features do not determine the pose.
+/// `relative_depth`; half of it is common to all, as above. `common_sigma`: px, a component, what the patches are off by
+/// together, however many they are. Zero where the features do not determine the pose.
 Matrix6d depth_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
-                          double relative_depth);
+                          double relative_depth, double common_sigma = 0);
+
+/// px: what the maps of learned models are off by together where no grey values confirm them. Under severe changes the errors of
+/// 200 features do not average out: 0 to 0.7 px were tried on the Alps and on orbits (docs/evaluation.md).
+inline constexpr double kMapSigma = 0.12;
 
 }  // namespace iclk::internal

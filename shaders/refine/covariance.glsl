@@ -1,4 +1,5 @@
 // What refine/internal/uncertainty.cpp says of a pose, in single precision.
+const float MAP_SIGMA = 0.12;    // px: kMapSigma of refine/internal/uncertainty.h
 const float COMMON_DEPTH = 0.5;  // share of a depth's sigma that all depths have in common
 
 shared float shared_part[36];  // a covariance; lane 0 writes
@@ -151,6 +152,7 @@ void depth_covariance(Pose T, float relative_depth) {
     add_products(H, 1.0, J.u, J.u);
     add_products(H, 1.0, J.v, J.v);
     add_products(s, 1.0, moved, moved);
+    s[21] += 1.0;
   }
   sum(H);
   keep_totals();
@@ -158,9 +160,9 @@ void depth_covariance(Pose T, float relative_depth) {
   factorise(0.0, ICLK_LEAST_EIGENVALUE);
   invert();
   if (lane >= 36u) return;
-  // inverse (singles + common common^T) inverse
+  // inverse (singles + common common^T) inverse + what the maps are off by together
   uint i = lane / 6u, j = lane % 6u;
-  float t = 0.0;
+  float t = totals[21] * MAP_SIGMA * MAP_SIGMA * columns[lane];
   [[dont_unroll]] for (uint k = 0u; k < 6u; ++k)
     [[dont_unroll]] for (uint l = 0u; l < 6u; ++l) {
       uint lo = min(k, l), hi = max(k, l);

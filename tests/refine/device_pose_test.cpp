@@ -348,7 +348,8 @@ TEST(DevicePose, UnconfirmedPosesKeepIclksCovarianceAndThatOfTheDepths) {
   EXPECT_EQ(o.info.status, static_cast<uint32_t>(Status::converged));
   EXPECT_EQ(o.info.refined, 0u);
   const Matrix6d expected =
-      c.iclk_covariance + internal::depth_covariance(c.camera, c.features, check_features(c.features, c.camera), c.T_10, 0);
+      c.iclk_covariance + internal::depth_covariance(c.camera, c.features, check_features(c.features, c.camera), c.T_10, 0,
+                                                     internal::kMapSigma);
   EXPECT_GT(difference(expected, c.iclk_covariance), 0.1);
   EXPECT_LT(difference(expected, o.covariance), 0.02);
 }
