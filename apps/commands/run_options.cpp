@@ -76,7 +76,7 @@ void RunOptions::add_to(CLI::App& command) {
       "Refine on the luma of a target whose colours are not the reference's, not on the grey values that fit the reference");
   command.add_flag_callback(
       "--global-shutter", [this] { refiner.rolling_shutter = false; },
-      "Both cameras read all rows at once: a bent image is not asked for, as it is otherwise");
+      "Both cameras read all rows at once: no bend is looked for, and the covariance does not allow for one");
   command
       .add_option("--camera-sigma", camera_sigma,
                   "How wrong focal length and principal point are, px, for the covariance: auto (what the pair allows for), or "
