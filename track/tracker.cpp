@@ -1,5 +1,6 @@
 #include <iclk/track/tracker.h>
 
+#include <algorithm>
 #include <chrono>
 #include <utility>
 
@@ -18,6 +19,9 @@ constexpr double kLittleVisible = 0.5;
 /// times min_inliers or of those visible, are left.
 constexpr double kSomeFlow = 0.03, kFewOfVisible = 0.5;
 constexpr int kFewInliers = 3;
+/// A camera that went far shows the errors of its keyframe's depths: features are found, but do not agree. Below a half they
+/// would confirm no pose.
+constexpr double kFewOfFound = 0.6;
 /// Of the features that a sensor leaves to be found, those that others may bring: what is new needs places, too.
 constexpr double kCarried = 0.6;
 /// A frame that is so much sharper than its keyframe is the better one.
@@ -228,7 +232,10 @@ TrackResult Tracker::track(const TrackFrame& given) {
   const bool little = seen.visible < kLittleVisible;
   // A sensor's depths are better than those by motion; without them features can only be carried over while they are found.
   const bool few = a.inliers < kFewInliers * m.options.min_inliers || a.inliers < kFewOfVisible * a.visible;
-  const bool renew = seen.flow > kSomeFlow * m.camera.width && (frame.depth.empty() ? few : !k.with_depth);
+  const auto found_features = std::count_if(a.features.begin(), a.features.end(),
+                                            [](const auto& f) { return f.status == FeatureStatus::aligned; });
+  const bool coarse = a.inliers < kFewOfFound * static_cast<double>(found_features);
+  const bool renew = seen.flow > kSomeFlow * m.camera.width && (frame.depth.empty() ? few : coarse || !k.with_depth);
   if (little || renew || !found->confirmed || seen.visible < m.options.min_visible ||
       seen.flow > m.options.max_flow * m.camera.width) {
     const double ratio = sharpness(grey_map(frame.image)) / k.sharpness;
