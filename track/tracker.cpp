@@ -137,8 +137,8 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
 }
 
 bool Tracker::Impl::disagree(const Keyframe& k, const RefinedAlignment& a) const {
-  const auto found = std::count_if(a.features.begin(), a.features.end(),
-                                   [](const auto& f) { return f.status == FeatureStatus::aligned; });
+  const auto found =
+      std::count_if(a.features.begin(), a.features.end(), [](const auto& f) { return f.status == FeatureStatus::aligned; });
   const double sum = std::accumulate(k.sigma.begin(), k.sigma.end(), 0.0), count = static_cast<double>(k.sigma.size());
   return std::abs(camera.fx) * a.T_10.t.norm() * sum > kCoarse * count && a.inliers < kFewOfFound * static_cast<double>(found);
 }

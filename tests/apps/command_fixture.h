@@ -46,9 +46,9 @@ inline Finished run(
 inline void expect_lines_of(const std::string& schema, const std::string& file) {
 #ifdef ICLK_SCHEMA_PYTHON
   const Folder folder;
-  const std::string command = fmt::format("'{}' -B '{}/tests/schema/lines.py' '{}/docs/schema/{}' '{}' >'{}' 2>&1",
-                                          ICLK_SCHEMA_PYTHON, ICLK_SOURCE_DIR, ICLK_SOURCE_DIR, schema, file,
-                                          folder.path("said"));
+  const std::string command =
+      fmt::format("'{}' -B '{}/tests/schema/lines.py' '{}/docs/schema/{}' '{}' >'{}' 2>&1", ICLK_SCHEMA_PYTHON, ICLK_SOURCE_DIR,
+                  ICLK_SOURCE_DIR, schema, file, folder.path("said"));
   EXPECT_EQ(std::system(command.c_str()), 0) << bytes_of(folder.path("said"));
 #else
   (void)schema, (void)file;
