@@ -1,6 +1,9 @@
 #include <iclk/track/tracker.h>
 
+#include <algorithm>
 #include <chrono>
+#include <cmath>
+#include <numeric>
 #include <utility>
 
 #include <iclk/align/common/options_check.h>
@@ -18,6 +21,9 @@ constexpr double kLittleVisible = 0.5;
 /// times min_inliers or of those visible, are left.
 constexpr double kSomeFlow = 0.03, kFewOfVisible = 0.5;
 constexpr int kFewInliers = 3;
+/// A camera that went so far that the keyframe's depths are wrong by so many px shows it: features are found, but do not agree.
+/// Below a half of them would confirm no pose.
+constexpr double kCoarse = 1, kFewOfFound = 0.6;
 /// Of the features that a sensor leaves to be found, those that others may bring: what is new needs places, too.
 constexpr double kCarried = 0.6;
 /// A frame that is so much sharper than its keyframe is the better one.
@@ -130,6 +136,13 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   return true;
 }
 
+bool Tracker::Impl::disagree(const Keyframe& k, const RefinedAlignment& a) const {
+  const auto found =
+      std::count_if(a.features.begin(), a.features.end(), [](const auto& f) { return f.status == FeatureStatus::aligned; });
+  const double sum = std::accumulate(k.sigma.begin(), k.sigma.end(), 0.0), count = static_cast<double>(k.sigma.size());
+  return std::abs(camera.fx) * a.T_10.t.norm() * sum > kCoarse * count && a.inliers < kFewOfFound * static_cast<double>(found);
+}
+
 void Tracker::Impl::lose() {
   lost = true;
   velocity.reset();
@@ -228,7 +241,8 @@ TrackResult Tracker::track(const TrackFrame& given) {
   const bool little = seen.visible < kLittleVisible;
   // A sensor's depths are better than those by motion; without them features can only be carried over while they are found.
   const bool few = a.inliers < kFewInliers * m.options.min_inliers || a.inliers < kFewOfVisible * a.visible;
-  const bool renew = seen.flow > kSomeFlow * m.camera.width && (frame.depth.empty() ? few : !k.with_depth);
+  const bool coarse = m.disagree(k, a);
+  const bool renew = seen.flow > kSomeFlow * m.camera.width && (frame.depth.empty() ? few : coarse || !k.with_depth);
   if (little || renew || !found->confirmed || seen.visible < m.options.min_visible ||
       seen.flow > m.options.max_flow * m.camera.width) {
     const double ratio = sharpness(grey_map(frame.image)) / k.sharpness;

@@ -40,6 +40,7 @@ std::string kitti_text(std::span<const TrackedFrame> frames) {
 
 std::string frame_json(const TrackResult& r) {
   nlohmann::ordered_json line;
+  line["schema"] = kFrameSchema;
   line["time"] = r.time;
   line["status"] = name(r.status);
   line["confirmed"] = r.confirmed;
@@ -57,7 +58,7 @@ std::string frame_json(const TrackResult& r) {
   }
   line["searched"] = r.searched;
   line["ms"] = {{"align", r.align_ms}, {"keyframe", r.keyframe_ms}, {"bundle", r.bundle_ms}};
-  return line.dump() + "\n";
+  return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";  // a file's name may be no UTF-8
 }
 
 TrackResult parse_frame_json(std::string_view text) {

@@ -10,6 +10,10 @@
 
 namespace iclk {
 
+/// The name of the contract of a line of frames.jsonl, with its number: docs/schema/frame-1.json. A key may be added; where one
+/// goes or means something else, the number is another one.
+inline constexpr const char* kFrameSchema = "iclk-frame-1";
+
 /// A frame that was tracked, with its pose by the keyframe's last one, and the truth if there is one.
 struct TrackedFrame {
   TrackResult result;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <fmt/format.h>
 #include <opencv2/imgcodecs.hpp>
 
 #include "apps/io/pose_text.h"
@@ -39,6 +40,19 @@ inline Finished run(
   int status = 0;
   waitpid(child, &status, 0);
   return {WIFEXITED(status) ? WEXITSTATUS(status) : -WTERMSIG(status), bytes_of(out), bytes_of(err)};
+}
+
+/// Every line of a file is what a schema of docs/schema says; where no Python is that could tell, nothing is asked.
+inline void expect_lines_of(const std::string& schema, const std::string& file) {
+#ifdef ICLK_SCHEMA_PYTHON
+  const Folder folder;
+  const std::string command =
+      fmt::format("'{}' -B '{}/tests/schema/lines.py' '{}/docs/schema/{}' '{}' >'{}' 2>&1", ICLK_SCHEMA_PYTHON, ICLK_SOURCE_DIR,
+                  ICLK_SOURCE_DIR, schema, file, folder.path("said"));
+  EXPECT_EQ(std::system(command.c_str()), 0) << bytes_of(folder.path("said"));
+#else
+  (void)schema, (void)file;
+#endif
 }
 
 /// A pair in files, made once.

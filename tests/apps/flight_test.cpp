@@ -177,6 +177,34 @@ TEST(Flights, OfARigAreEurocs) {
   EXPECT_NE(said.find("has not moved"), std::string::npos) << said;
 }
 
+TEST(Flights, OfARigWithLensesAndARollingShutterAreTracked) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  // Round a place by 30 times the baseline: it stays in view, but from elsewhere the errors of the rig's depths show.
+  std::string text;
+  for (int i = 0; i <= 30; ++i) {
+    const double t = 0.2 * i, d = 8 * (t - 3);
+    const double x = 0.02 * std::sin(1.3 * t), y = 0.01 * std::sin(3 * t) - d / 190, z = 0.03 * std::sin(t);
+    const double norm = std::sqrt(1 + x * x + y * y + z * z);
+    for (const double number : {t, 150 + d, 150 + 2 * t, 120.0, 1 / norm, -z / norm, y / norm, -x / norm})
+      text += std::to_string(number) + " ";
+    text += "\n";
+  }
+  folder.write("round.txt", text);
+  std::string rig = bytes_of(camchain(folder));
+  for (const auto& [from, to] : {std::pair("150, 150, 93.5, 59.5", "300, 300, 187.5, 119.5"), std::pair("188, 120", "376, 240"),
+                                 std::pair("160, 158, 99, 63", "310, 308, 190, 121"), std::pair("200, 128", "376, 240")})
+    rig.replace(rig.find(from), std::string(from).size(), to);
+  const std::string out = folder.path("flight");
+  run(render(out, {"--trajectory", folder.path("round.txt"), "--rig", folder.write("larger.yaml", rig), "--readout", "30",
+                   "--samples", "1"}));
+  for (const char* readout : {"0", "30"}) {
+    const std::string said = run({"track", out, "--readout", readout});
+    EXPECT_NE(said.find("29 tracked, 0 of them not confirmed by features, 0 lost"), std::string::npos) << said;
+    EXPECT_LT(number_after(said.substr(said.find("adjusted")), "), "), 0.6) << said;  // % of the way
+  }
+}
+
 TEST(Rigs, AShockIsFoundByStereo) {
   ICLK_NEED_DEVICE();
   const Folder folder;

@@ -115,6 +115,7 @@ TEST(TrackEuroc, AStereoRigOverTerrain) {
   ASSERT_EQ(f.code, 0) << f.err;
   EXPECT_NE(f.out.find("15 tracked, 0 of them not confirmed"), std::string::npos) << f.out;
   EXPECT_LT(number_after(f.out.substr(f.out.find("adjusted")), "), "), 0.5) << f.out;  // % of the way
+  expect_lines_of("frame-1.json", folder.path("out/frames.jsonl"));
 }
 
 TEST(TrackEuroc, BrokenRecordingsAreNamed) {

@@ -37,11 +37,13 @@ TEST(Track, RenderedRoomsWithinHalfAPercentOfTheWay) {
   EXPECT_GE(load_trajectory((fs::path(out) / "keyframes.txt").string()).size(), 3u);
   EXPECT_FALSE(cv::imread((fs::path(out) / "path.png").string()).empty());
   EXPECT_EQ(bytes_of((fs::path(out) / "map.ply").string()).rfind("ply\nformat ascii 1.0\n", 0), 0u);
-  std::istringstream lines(bytes_of((fs::path(out) / "frames.jsonl").string()));
+  const std::string file = (fs::path(out) / "frames.jsonl").string();
+  expect_lines_of("frame-1.json", file);
+  std::istringstream lines(bytes_of(file));
   int count = 0;
   for (std::string line; std::getline(lines, line); ++count) {
     const auto json = nlohmann::json::parse(line);
-    EXPECT_EQ(json.at("covariance").size(), 6u);
+    EXPECT_EQ(json.at("schema"), "iclk-frame-1");
     EXPECT_TRUE(json.at("status") == "tracked" || json.at("status") == "keyframe");
   }
   EXPECT_EQ(count, 60);
@@ -108,6 +110,7 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
   EXPECT_NE(f.out.find("continued  behind "), std::string::npos) << f.out;
   for (const char* name : {"trajectory.txt", "trajectory_kitti.txt", "keyframes.txt", "live.txt", "map.ply", "path.png"})
     EXPECT_EQ(bytes_of(killed + "/" + name), bytes_of(whole + "/" + name)) << name;
+  expect_lines_of("frame-1.json", killed + "/frames.jsonl");
   EXPECT_FALSE(fs::exists(state));
   EXPECT_EQ(run(command(killed)).out.find("continued"), std::string::npos);  // done is done: it begins anew
 }

@@ -50,6 +50,8 @@ struct Tracker::Impl {
   // tracker.cpp
   bool can_begin(const TrackFrame& frame) const;
   void begin(const TrackFrame& frame, TrackResult& result);
+  /// The features that are found in a frame do not agree, since the keyframe's depths are too coarse for how far it is.
+  bool disagree(const Keyframe& k, const RefinedAlignment& a) const;
   void lose();
   bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
                      TrackResult& result);
