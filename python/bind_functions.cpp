@@ -1,11 +1,12 @@
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
-#include <iclk/track/detector.h>
 
+#include "apps/session/detect.h"
 #include "apps/session/model_info.h"
 #include "apps/session/model_lookup.h"
 #include "python/arrays.h"
@@ -18,20 +19,17 @@ namespace nb = nanobind;
 namespace iclk::python {
 namespace {
 
-std::pair<NewArray<double>, NewArray<double>> detect(const Array& image, const Array& depth, int count) {
-  const ImageView pixels = image_view(image), metres = image_view(depth);
-  if (metres.format != PixelFormat::r32f || metres.width != pixels.width || metres.height != pixels.height)
-    throw Error(ErrorCode::invalid_argument, "depth is " + std::to_string(metres.width) + "x" + std::to_string(metres.height) +
-                                                 ", the image " + std::to_string(pixels.width) + "x" +
-                                                 std::to_string(pixels.height) + ": they must have one size");
-  if (count < 1 || count > 100000)
-    throw Error(ErrorCode::invalid_argument, "feature count " + std::to_string(count) + " must lie in 1 to 100000");
+std::pair<NewArray<double>, NewArray<double>> detect(const Array& image, const Array& depth, const std::optional<Array>& mask,
+                                                     const std::string& detector, int count, uint64_t seed) {
+  DetectorOptions options;
+  options.detector = parse_detector(detector);
+  options.count = count;
+  options.seed = seed;
+  const ImageView pixels = image_view(image), metres = image_view(depth), seen = mask ? image_view(*mask) : ImageView();
   Features found;
   {
     const Working working;
-    DetectorSettings settings;
-    settings.count = count;
-    found = detect_features(grey_map(pixels), metres, {}, settings);
+    found = detect_features(pixels, metres, seen, options);
   }
   std::vector<double> uv;
   for (const Eigen::Vector2d& p : found.uv) uv.insert(uv.end(), {p.x(), p.y()});
@@ -46,7 +44,8 @@ std::string info(const std::string& model, int width, int height, const std::vec
 
 void bind_functions(nb::module_& m) {
   m.def("devices", &devices);
-  m.def("detect", &detect, nb::arg("image"), nb::arg("depth"), nb::arg("count"));
+  m.def("detect", &detect, nb::arg("image"), nb::arg("depth"), nb::arg("mask").none(), nb::arg("detector"), nb::arg("count"),
+        nb::arg("seed"));
   m.def("model_info", &info, nb::arg("model"), nb::arg("width"), nb::arg("height"), nb::arg("folders"));
 }
 

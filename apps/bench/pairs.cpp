@@ -54,7 +54,7 @@ PeerPair variant(const ScenePair& scene, int index, int features) {
   cv::cvtColor(pair.image_1, pair.grey_1, cv::COLOR_BGR2GRAY);
   DetectorOptions detector;
   detector.count = features;
-  pair.features = detect_features(pair.grey_0, pair.depth_0, {}, detector);
+  pair.features = detect_features(view(pair.grey_0), view(pair.depth_0), {}, detector);
   return pair;
 }
 

@@ -12,7 +12,7 @@
 #include <iclk/engine/error.h>
 
 #include "apps/bench/measure.h"
-#include "apps/session/detect.h"
+#include "apps/io/images.h"
 
 namespace iclk {
 namespace {

@@ -17,6 +17,7 @@
 #include <iclk/engine/error.h>
 
 #include "apps/io/text.h"
+#include "apps/session/grey.h"
 
 namespace iclk {
 namespace {
@@ -199,6 +200,11 @@ ImageView view(const cv::Mat& image) {
     default: throw Error(ErrorCode::unsupported, "no pixel format for an image that is " + type_name(image));
   }
   return {image.data, image.cols, image.rows, image.step[0], format};
+}
+
+cv::Mat grey_8bit(const cv::Mat& image) {
+  const std::vector<uint8_t> grey = grey_8bit(view(image));
+  return cv::Mat(grey, true).reshape(1, image.rows);
 }
 
 std::string encode_png(const cv::Mat& image) {

@@ -39,6 +39,9 @@ std::optional<ImageHeader> peek_image(const std::string& path, uint64_t max_pixe
 /// The pixels of an image of load_image, not copied. Precondition: `image` outlives the view.
 ImageView view(const cv::Mat& image);
 
+/// Grey 8-bit version of an image of load_image, stretched to its range if it is not 8-bit: for pictures and peers.
+cv::Mat grey_8bit(const cv::Mat& image);
+
 /// PNG bytes of an 8-bit image.
 std::string encode_png(const cv::Mat& image);
 

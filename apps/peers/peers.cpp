@@ -9,8 +9,8 @@
 #include <iclk/engine/error.h>
 
 #include "apps/eval/pose_errors.h"
+#include "apps/io/images.h"
 #include "apps/io/sequence.h"
-#include "apps/session/detect.h"
 #include "apps/session/pair_input.h"
 
 namespace iclk {

@@ -5,7 +5,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "apps/session/detect.h"
+#include "apps/io/images.h"
 
 namespace iclk {
 namespace {

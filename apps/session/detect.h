@@ -2,9 +2,8 @@
 #include <cstdint>
 #include <string>
 
-#include <opencv2/core.hpp>
-
 #include <iclk/align/features.h>
+#include <iclk/align/image.h>
 
 namespace iclk {
 
@@ -27,18 +26,16 @@ struct DetectorOptions {
 /// Throws Error(invalid_argument) for another name than shi-tomasi, grid, random.
 Detector parse_detector(const std::string& name);
 
-/// At most `count` features of the reference image, at whole pixels with depth. The same input gives the same features.
+/// At most `count` features of the reference image, at whole pixels with depth. The same input gives the same features, on any
+/// machine, and from the command as from Python.
 ///
 /// Places whose 8x8 patch has depth throughout and within 5 % come first: at a depth edge one depth cannot hold for the patch.
 /// Where these do not suffice, any pixel with depth and a border around it serves; where there is none, the result is short or
 /// empty. An image without any texture is given the grid's features, whatever the detector: that no pose can be had from it is
 /// the aligner's to say.
 ///
-/// `image`: as load_image gives it. `depth`: CV_32FC1 metres of the same size, 0 = none. `seen`: CV_8UC1, 0 = not really seen
-/// (border of an undistorted image), or empty. Throws Error(invalid_argument) for sizes that differ.
-Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::Mat& seen, const DetectorOptions& options);
-
-/// Grey 8-bit version of an image of load_image, stretched to its range if it is not 8-bit: for detectors and pictures.
-cv::Mat grey_8bit(const cv::Mat& image);
+/// `depth`: r32f metres of the same size; 0, negative and not finite: none. `seen`: r8, 0 = not really seen (border of an
+/// undistorted image), or empty. Throws Error(invalid_argument) for sizes that differ.
+Features detect_features(const ImageView& image, const ImageView& depth, const ImageView& seen, const DetectorOptions& options);
 
 }  // namespace iclk

@@ -129,7 +129,7 @@ PairInput PairLoader::load(const PairFiles& files) const {
 
 void detect_missing_features(PairInput& pair, const DetectorOptions& options, const cv::Mat& seen) {
   const auto start = std::chrono::steady_clock::now();
-  if (pair.features.size() == 0) pair.features = detect_features(pair.image_0, pair.depth_0, seen, options);
+  if (pair.features.size() == 0) pair.features = detect_features(view(pair.image_0), view(pair.depth_0), view(seen), options);
   pair.detect_ms = ms_since(start);
 }
 

@@ -4,12 +4,13 @@
 
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
-#include <opencv2/imgproc.hpp>
+#include <opencv2/core.hpp>
 
 #include <iclk/engine/error.h>
 
 #include "apps/batch/manifest.h"
 #include "apps/batch/progress.h"
+#include "apps/io/images.h"
 #include "apps/io/output.h"
 #include "apps/io/pose_text.h"
 #include "apps/sets/pair_set.h"
@@ -38,12 +39,8 @@ cv::Mat suitable(const LensCamera& eye, int border) {
 }
 
 Features choose_features(const View& view, const cv::Mat& suits, DetectorOptions options, uint64_t index) {
-  const cv::Mat rgba(view.height, view.width, CV_8UC4, const_cast<uint32_t*>(view.rgba.data()));
-  const cv::Mat depth(view.height, view.width, CV_32FC1, const_cast<float*>(view.depth.data()));
-  cv::Mat bgr;
-  cv::cvtColor(rgba, bgr, cv::COLOR_RGBA2BGR);
   options.seed = options.seed * 0x9E3779B97F4A7C15u + index;
-  return detect_features(bgr, depth, suits, options);
+  return detect_features(view.image(), view.depth_image(), iclk::view(suits), options);
 }
 
 /// Means of what was drawn, over the whole set.

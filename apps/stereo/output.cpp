@@ -8,6 +8,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "apps/io/distortion.h"
+#include "apps/io/images.h"
 #include "apps/io/json.h"
 #include "apps/io/pose_text.h"
 #include "apps/sets/pair_set.h"

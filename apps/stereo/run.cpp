@@ -69,7 +69,7 @@ class Loader {
         throw Error(
             ErrorCode::invalid_argument,
             files.left + " has neither depth nor features; give --depth, or --distance METRES, about, if there are none");
-      out.features = detect_features(out.left, depth, undistort_left_->seen(), options_.detector);
+      out.features = detect_features(view(out.left), view(depth), view(undistort_left_->seen()), options_.detector);
     }
     if (out.features.inverse_depth_sigma.empty()) options_.depth_sigma.apply(camera, out.features);
     return out;

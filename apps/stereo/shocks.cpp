@@ -17,6 +17,7 @@
 #include <iclk/rig/rig.h>
 
 #include "apps/io/distortion.h"
+#include "apps/io/images.h"
 #include "apps/render/procedural.h"
 #include "apps/render/renderer.h"
 #include "apps/session/any_aligner.h"
@@ -79,7 +80,7 @@ class World {
     const View view = renderer_.render(kCamera, v.T_WC);
     v.image = photograph(view, 1, 0, 2 * seed);
     v.depth = cv::Mat(view.height, view.width, CV_32FC1, const_cast<float*>(view.depth.data())).clone();
-    v.features = detect_features(v.image, v.depth, {}, {.count = settings_.features});
+    v.features = detect_features(iclk::view(v.image), iclk::view(v.depth), {}, {.count = settings_.features});
     return v;
   }
   cv::Mat right(const LeftView& v, const SE3& T_rl, uint64_t seed) {

@@ -37,7 +37,7 @@ PeerPair pair_of(const PeerFrame& from, const PeerFrame& to, const Camera& camer
   pair.camera = camera;
   DetectorOptions detector;
   detector.count = kFeatures;
-  pair.features = detect_features(from.image, from.depth, from.seen, detector);
+  pair.features = detect_features(view(from.image), view(from.depth), view(from.seen), detector);
   return pair;
 }
 

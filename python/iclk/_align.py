@@ -50,18 +50,22 @@ class Pair(NamedTuple):
     mask: Any = None  #: H x W of bool or uint8, 0 where the target is not to be looked at: what moves by itself, a border
 
 
-def detect(image: Any, depth: Any, count: int = 200) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """At most ``count`` features of an image where its depth is known: corners, spread over the image, depth edges last.
-
-    This is the detector of the sequences (`iclk track`), since that of `iclk align` is made of OpenCV; both take 200 at most.
+def detect(
+    image: Any, depth: Any, count: int = 200, *, detector: str = "shi-tomasi", mask: Any = None, seed: int = 0
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """At most ``count`` features of an image where its depth is known, depth edges last: those of `iclk align`.
 
     image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, float; 0, negative,
-    NaN and infinite mean none. Returns uv (N x 2, px, centres at whole numbers) and their depths (N, metres). Raises
-    ValueError for another shape or type.
+    NaN and infinite mean none. detector: "shi-tomasi", corners spread over the image; "grid", even spacing; "random", of
+    ``seed``. mask: H x W of bool or uint8, 0 where the image is not to be looked at.
+
+    Returns uv (N x 2, px, centres at whole numbers) and their depths (N, metres); fewer or none where there are not as many.
+    The GIL is released. Raises ValueError for another shape, type, detector or count.
     """
     pixels = _arrays.image(image, "image")
     metres = _arrays.depth_map(depth, "depth")
-    uv, inverse_depth = _core.detect(pixels, metres, count)
+    seen = None if mask is None else _arrays.mask(mask, "mask")
+    uv, inverse_depth = _core.detect(pixels, metres, seen, detector, count, seed)
     return uv, 1.0 / inverse_depth
 
 
@@ -159,7 +163,7 @@ def _features(
     pixels: npt.NDArray[Any], uv: Any, depth: Any, count: int
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     if uv is None:
-        return _core.detect(pixels, _arrays.depth_map(depth, "depth"), count)
+        return _core.detect(pixels, _arrays.depth_map(depth, "depth"), None, "shi-tomasi", count, 0)
     at, metres = _arrays.points(uv, "uv"), _arrays.numbers(depth, "depth")
     if metres.ndim == 2 and metres.shape == pixels.shape[:2]:
         raise _arrays.refuse("depth is a map: give None for uv, or the depths at uv: depth[v, u]")

@@ -1,7 +1,15 @@
 #include "apps/session/detect.h"
 
+#include <array>
+#include <bit>
 #include <cmath>
+#include <future>
 
+#include <opencv2/imgproc.hpp>
+
+#include "apps/io/images.h"
+#include "apps/session/corners.h"
+#include "apps/session/grey.h"
 #include "files.h"
 
 namespace iclk {
@@ -12,6 +20,10 @@ cv::Mat noise_image(int width, int height) {
   cv::RNG random(7);
   random.fill(m, cv::RNG::UNIFORM, 0, 255);
   return m;
+}
+
+Features detect_features(const cv::Mat& image, const cv::Mat& depth, const cv::Mat& seen, const DetectorOptions& options) {
+  return iclk::detect_features(view(image), view(depth), view(seen), options);
 }
 
 const Detector kAll[] = {Detector::shi_tomasi, Detector::grid, Detector::random};
@@ -127,10 +139,85 @@ TEST(Detect, BadOptions) {
                      {"count 0"});
   test::expect_error([&] { detect_features(image, depth(cv::Rect(0, 0, 32, 64)), {}, options_of(Detector::grid)); },
                      ErrorCode::invalid_argument, {"32x64", "64x64"});
+  test::expect_error([&] { detect_features(image, depth, depth, options_of(Detector::grid)); }, ErrorCode::invalid_argument,
+                     {"mask", "r8"});
   test::expect_error([] { parse_detector("sift"); }, ErrorCode::invalid_argument, {"sift", "shi-tomasi"});
 }
 
-TEST(Detect, GreyOfDeepImagesFillsTheRange) {
+TEST(Detect, CornersStandApart) {
+  for (const auto& [width, distance] : {std::pair(320, 7), std::pair(40, 2)}) {  // beyond a disc of that radius
+    const int height = width * 3 / 4;
+    const Features f = detect_features(noise_image(width, height), cv::Mat(height, width, CV_32FC1, cv::Scalar(2)), {},
+                                       options_of(Detector::shi_tomasi, 5000));
+    EXPECT_GT(f.size(), width == 320 ? 300 : 5);
+    for (size_t i = 0; i < f.uv.size(); ++i)
+      for (size_t j = 0; j < i; ++j) ASSERT_GT((f.uv[i] - f.uv[j]).norm(), distance) << width;
+  }
+}
+
+TEST(Detect, DepthThatIsNoneCarriesNoFeature) {
+  cv::Mat depth(240, 320, CV_32FC1, cv::Scalar(2));
+  const float none[] = {0, -1, NAN, INFINITY};
+  for (int v = 0; v < 240; ++v)
+    for (int u = 0; u < 160; ++u) depth.at<float>(v, u) = none[(u + v) % 4];
+  for (const Detector detector : kAll) {
+    const Features f = detect_features(noise_image(320, 240), depth, {}, options_of(detector, 40));
+    EXPECT_GE(f.size(), 15);
+    for (const Eigen::Vector2d& uv : f.uv) EXPECT_GE(uv.x(), 160);
+    for (const double q : f.inverse_depth) EXPECT_EQ(q, 0.5);
+  }
+}
+
+TEST(Detect, ThreadsDisturbNobody) {
+  const cv::Mat image = noise_image(320, 240), depth(240, 320, CV_32FC1, cv::Scalar(2));
+  const auto once = [&] { return detect_features(image, depth, {}, options_of(Detector::shi_tomasi, 200)).uv; };
+  const auto expected = once();
+  std::vector<std::future<std::vector<Eigen::Vector2d>>> found;
+  for (int i = 0; i < 8; ++i) found.push_back(std::async(std::launch::async, once));
+  for (auto& f : found) EXPECT_EQ(f.get(), expected);
+}
+
+TEST(Corners, AreThoseOfOpenCv) {
+  cv::RNG random(5);
+  for (int i = 0; i < 60; ++i) {
+    cv::Mat image(random.uniform(1, 60), random.uniform(1, 60), CV_8UC1), expected;
+    random.fill(image, cv::RNG::UNIFORM, 0, 256);
+    if (i % 2) cv::GaussianBlur(image, image, {}, 2);
+    cv::cornerMinEigenVal(image, expected, 7, 3);
+    const std::vector<uint8_t> grey(image.datastart, image.dataend);
+    const std::vector<float> found = corner_response(grey, image.cols, image.rows);
+    ASSERT_EQ(found.size(), expected.total());
+    // To the bit where OpenCV has an instruction for a * b + c, and rounds once.
+    for (size_t j = 0; j < found.size(); ++j) ASSERT_NEAR(found[j], expected.ptr<float>()[j], 1e-6) << image.size() << " " << j;
+  }
+}
+
+TEST(Corners, HaveTheSameBitsOnAllMachines) {
+  std::vector<uint8_t> grey(97 * 61);
+  uint32_t state = 1;
+  for (uint8_t& p : grey) p = static_cast<uint8_t>((state = state * 1664525 + 1013904223) >> 24);
+  uint32_t hash = 2166136261;  // FNV-1a
+  for (const float x : corner_response(grey, 97, 61)) hash = (hash ^ std::bit_cast<uint32_t>(x)) * 16777619;
+  EXPECT_EQ(hash, 3876797848u);
+}
+
+TEST(Grey, IsLuma) {
+  cv::RNG random(5);
+  for (const int type : {CV_8UC1, CV_8UC3, CV_16UC1, CV_16UC3, CV_32FC1, CV_32FC3}) {
+    cv::Mat image(40, 50, type), luma, expected;
+    random.fill(image, cv::RNG::UNIFORM, 10, CV_MAT_DEPTH(type) == CV_16U ? 30000 : 250);
+    luma = image;
+    if (image.channels() == 3) cv::cvtColor(image, luma, type == CV_32FC3 ? cv::COLOR_RGB2GRAY : cv::COLOR_BGR2GRAY);
+    expected = luma;
+    if (luma.depth() != CV_8U) cv::normalize(luma, expected, 0, 255, cv::NORM_MINMAX, CV_8U);
+    const std::vector<uint8_t> grey = grey_8bit(view(image));
+    EXPECT_LE(cv::norm(cv::Mat(grey).reshape(1, 40), expected, cv::NORM_INF), luma.depth() == CV_8U ? 0 : 1) << type;
+  }
+  const std::array<uint32_t, 2> rgba = {0xFF0000FF, 0xFFFF0000};  // red, blue
+  EXPECT_EQ(grey_8bit({rgba.data(), 2, 1, 0, PixelFormat::rgba8}), (std::vector<uint8_t>{76, 29}));
+}
+
+TEST(Grey, OfDeepImagesFillsTheRange) {
   cv::Mat deep(2, 2, CV_16UC1, cv::Scalar(1000));
   deep.at<uint16_t>(1, 1) = 3000;
   const cv::Mat grey = grey_8bit(deep);

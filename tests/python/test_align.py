@@ -34,6 +34,25 @@ def test_features_are_chosen_in_a_depth_map(colour: Scene, device: str | None) -
     assert (iclk.detect(colour.reference, hole)[0][:, 0] >= 160).all()
 
 
+def test_detectors_and_what_is_not_to_be_looked_at(colour: Scene) -> None:
+    mask = np.ones(colour.depth.shape, bool)
+    mask[:, :160] = False
+    for detector in ("shi-tomasi", "grid", "random"):
+        uv, _ = iclk.detect(colour.reference, colour.depth, 50, detector=detector, mask=mask)
+        assert len(uv) > 10 and (uv[:, 0] >= 163).all()
+    first, second = (iclk.detect(colour.reference, colour.depth, 50, detector="random", seed=i)[0] for i in (1, 2))
+    assert len(first) == 50 and not np.array_equal(first, second)
+    for wrong, words in (
+        ({"detector": "sift"}, "'sift' is not known"),
+        ({"count": 0}, "feature count 0"),
+        ({"mask": mask[1:]}, "320x239"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            iclk.detect(colour.reference, colour.depth, **wrong)
+    with pytest.raises(ValueError, match="320x239"):
+        iclk.detect(colour.reference, colour.depth[1:])
+
+
 def test_a_batch_has_the_answers_of_its_pairs(small: Scene, device: str | None) -> None:
     other = make_scene(160, 120, seed=5, T_10=pose((-0.1, 0.02, 0.0), (0.0, -0.02, 0.01)))
     aligner = iclk.Aligner(160, 120, "classical", device, references=2, batch=3)

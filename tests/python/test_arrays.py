@@ -95,7 +95,7 @@ def test_colours_are_red_green_blue() -> None:
     red, blue = (np.zeros((120, 160, 3), np.uint8) for _ in range(2))
     red[..., 0] = texture
     blue[..., 2] = texture
-    grey = (texture / 255 * 0.299).astype(np.float32)
+    grey = np.round(texture * 0.299).astype(np.uint8)
     depth = np.ones((120, 160), np.float32)
     uv, _ = iclk.detect(red, depth, 30)
     same, _ = iclk.detect(grey, depth, 30)

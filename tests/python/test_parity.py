@@ -61,6 +61,21 @@ def same(r: iclk.Alignment, j: dict) -> None:
     assert [a._asdict() for a in r.attempts] == j["attempts"]
 
 
+@pytest.mark.parametrize("kind", ["colour", "grey", "deep"])
+def test_features_that_are_chosen(tmp_path: Path, colour: Scene, small: Scene, kind: str) -> None:
+    s = {"colour": colour, "grey": small, "deep": small.like(deeper)}[kind]
+    raw = np.round(s.depth * 5000).astype(np.uint16)
+    raw[20:60, 30:90] = 0
+    line = [COMMAND, "align", save(tmp_path / "a.ppm", s.reference), save(tmp_path / "b.ppm", s.target)]
+    line += ["--depth", save(tmp_path / "depth.pgm", raw), "--depth-scale", "5000", "--camera", ",".join(map(str, s.K))]
+    how = ["--solver", "cpu", "--model", "classical", "--no-refine", "--json"]
+    j = json.loads(subprocess.run([*line, *how], capture_output=True, text=True).stdout)
+    depth = raw.astype(np.float32) * np.float32(1 / 5000)
+    uv, _ = iclk.detect(s.reference, depth)
+    assert len(uv) > 60 and uv.tolist() == [[f["u0"], f["v0"]] for f in j["features"]]
+    same(iclk.align(s.reference, s.target, None, depth, s.K, device="cpu", model="classical", refine=False), j)
+
+
 def deeper(a: np.ndarray) -> np.ndarray:
     return a.astype(np.uint16) * 251
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import os
 import resource
@@ -16,7 +17,7 @@ from pathlib import Path
 import iclk
 import numpy as np
 import pytest
-from conftest import Scene, make_scene
+from conftest import Scene, make_scene, needs_vulkan
 
 SETUP = """
 import os, signal, sys, threading, time
@@ -213,3 +214,28 @@ def test_no_memory_is_left_behind() -> None:
     assert len(gc.get_objects()) - objects < 200
     assert resident() - before < 2 << 20
 
+
+class MallInfo(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in "arena blocks small maps mapped top trimmed used free keep".split()]
+
+
+@needs_vulkan
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="needs glibc 2.33")
+def test_an_aligner_takes_its_memory_along() -> None:
+    """Not what the process has, which grows: glibc keeps what a software device's compiler frees (docs/python.md)."""
+    s = make_scene(160, 120)
+    mallinfo = ctypes.CDLL(None).mallinfo2
+    mallinfo.restype = MallInfo
+
+    def used_after(count: int) -> int:
+        for _ in range(count):
+            aligner = iclk.Aligner(160, 120, "classical", refine=False)
+            aligner.set_reference(0, s.reference, s.uv, s.z, s.K)
+            assert aligner.align(0, s.target).converged
+            del aligner
+        gc.collect()
+        info = mallinfo()
+        return info.used + info.mapped
+
+    before = used_after(1)
+    assert used_after(3) - before < 4 << 20

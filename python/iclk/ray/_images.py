@@ -119,15 +119,3 @@ def load_depth(source: Source, key: str, scale: float, most_pixels: int) -> Imag
 def rgb(image: Image) -> Image:
     """As the library takes it."""
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 and image.dtype != np.float32 else image
-
-
-def grey_8bit(image: Image) -> Image:
-    """Stretched to its range if it is not 8-bit: for the detector."""
-    grey = image
-    if image.ndim == 3:
-        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY if image.dtype == np.float32 else cv2.COLOR_BGR2GRAY)
-    if grey.dtype == np.uint8:
-        return grey
-    low, high, _, _ = cv2.minMaxLoc(grey)
-    scale = 255 / (high - low) if high > low else 0.0
-    return cv2.convertScaleAbs(grey, alpha=scale, beta=-low * scale)

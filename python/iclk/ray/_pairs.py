@@ -117,11 +117,12 @@ class Loader:
                 features.uv = undistorter.points(features.uv)
         if seen_0 is not None:
             self._hide(seen_0, depth, features)
+        reference = _images.rgb(image_0)
         if features is None:
             assert depth is not None  # request_of() has seen to it
-            features = _features.detect(image_0, depth, seen_0, settings.detector, settings.count)
+            features = _features.detect(reference, depth, seen_0, settings.detector, settings.count)
         self._sigma.apply(camera.fx, features)
-        return Pair(_images.rgb(image_0), _images.rgb(image_1), mask, camera, features, request.T_10)
+        return Pair(reference, _images.rgb(image_1), mask, camera, features, request.T_10)
 
     @staticmethod
     def _hide(seen: Image, depth: Image | None, features: _features.Features | None) -> None:
