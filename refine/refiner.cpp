@@ -9,6 +9,7 @@
 #include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/internal/verdict.h>
 #include <iclk/refine/rolling_shutter.h>
+#include <iclk/shaders/refine/refine.h>
 #include <iclk/shaders/shared.h>
 
 namespace iclk {
@@ -237,7 +238,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
         r.reason = r.iclk.reason + "; not refined: " + r.reason;
         r.status = r.iclk.status;
         r.covariance = r.iclk.covariance + internal::depth_covariance(view(i).camera, view(i).features, view(i).checks, r.T_10,
-                                                                      poses[i].depth_sigma, internal::kMapSigma);
+                                                                      poses[i].depth_sigma, ICLK_MAP_SIGMA);
         r.turn.reset();
         r.features.clear();  // what was found is not where the pose puts it
       }

@@ -6,26 +6,12 @@
 #include <Eigen/Cholesky>
 
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/shaders/refine/refine.h>
 
 namespace iclk {
 namespace {
 
-constexpr double kCauchy = 2.5;
-constexpr int kIterations = 5;
 constexpr double kLeastZ = 1e-3;
-constexpr size_t kLeastSightings = 15;
-
-// What proves a turn. On pairs of hololens_80 and tum_fr1_rpy_300, whose shutters roll, errors of the pose halve; on tartan_60,
-// whose does not, features on the edges of depth make up turns, but of less than 0.5 px. Errors of depth are alike in
-// many features, which is why chi2 is asked for that chance never has.
-constexpr double kProvenChi2 = 50;
-constexpr double kProvenBend = 0.5;  // px
-/// rad: a camera at 100 degrees a second turns so far in 30 ms.
-constexpr double kPriorSigma = 0.05;
-/// rad: 20 degrees a second, which a hand does, in 30 ms.
-constexpr double kExpectedTurn = 0.01;
-constexpr double kFirstSigma = 1, kLeastSigma = 0.1;  // px
-constexpr int kScales = 3;
 
 Eigen::Matrix3d turned(const Eigen::Vector3d& phi) {
   return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
@@ -58,12 +44,12 @@ double TurnEstimate::bend(const Camera& camera) const {
   return Eigen::Vector3d(turn.x() * camera.fy, turn.y() * camera.fx, turn.z() * radius).norm() / 2;
 }
 
-bool TurnEstimate::proven(const Camera& camera) const { return chi2() > kProvenChi2 && bend(camera) > kProvenBend; }
+bool TurnEstimate::proven(const Camera& camera) const { return chi2() > ICLK_TURN_PROVEN_CHI2 && bend(camera) > ICLK_TURN_PROVEN_BEND; }
 
 double TurnEstimate::probability() const {
   const Eigen::Matrix3d L = covariance.llt().matrixL();
   // The logarithm of the two likelihoods' ratio, by Laplace's approximation.
-  const double odds = 0.5 * chi2() + L.diagonal().array().log().sum() - 3 * std::log(kExpectedTurn);
+  const double odds = 0.5 * chi2() + L.diagonal().array().log().sum() - 3 * std::log(ICLK_TURN_EXPECTED);
   return 1 / (1 + std::exp(-odds));
 }
 
@@ -74,13 +60,13 @@ Matrix6d TurnEstimate::doubt(const SE3& straight) const {
 
 std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
                                           std::span<const RollingSighting> sightings, double sigma, double prior_sigma) {
-  if (sightings.size() < kLeastSightings) return {};
+  if (sightings.size() < ICLK_TURN_SIGHTINGS) return {};
   using Vector9d = Eigen::Matrix<double, 9, 1>;
   using Matrix9d = Eigen::Matrix<double, 9, 9>;
   TurnEstimate out;
   out.T_10 = T_10;
   const double prior = 1 / (prior_sigma * prior_sigma);
-  for (int iteration = 0; iteration < kIterations; ++iteration) {
+  for (int iteration = 0; iteration < ICLK_TURN_ITERATIONS; ++iteration) {
     const SE3& T = out.T_10;
     Matrix9d H = Matrix9d::Zero();
     Vector9d b = Vector9d::Zero();
@@ -95,7 +81,7 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10,
       Eigen::Matrix<double, 2, 9> A;  // [rho, phi] of the pose, turn
       A << J * R * T.R * q, -J * R * T.R * hat(ray), at * J * hat(p);
       A /= sigma;
-      const double w = 1 / (1 + r.squaredNorm() / (kCauchy * kCauchy));
+      const double w = 1 / (1 + r.squaredNorm() / (ICLK_TURN_CAUCHY * ICLK_TURN_CAUCHY));
       H += w * A.transpose() * A;
       b += w * A.transpose() * r;
     }
@@ -118,14 +104,14 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10,
 std::optional<TurnEstimate> pair_turn(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10) {
   std::vector<RollingSighting> sightings;
-  for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, kLeastSigma))
+  for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, ICLK_TURN_LEAST_SIGMA))
     sightings.push_back({o.uv0, o.uv1, o.q});
-  double sigma = kFirstSigma;
+  double sigma = ICLK_TURN_FIRST_SIGMA;
   std::optional<TurnEstimate> found;
-  for (int i = 0; i < kScales; ++i) {
-    found = estimate_turn(camera, found ? found->T_10 : T_10, Eigen::Vector3d::Zero(), sightings, sigma, kPriorSigma);
+  for (int i = 0; i < ICLK_TURN_SCALES; ++i) {
+    found = estimate_turn(camera, found ? found->T_10 : T_10, Eigen::Vector3d::Zero(), sightings, sigma, ICLK_TURN_PRIOR_SIGMA);
     if (!found) return {};
-    sigma = std::max(kLeastSigma, scatter(camera, *found, sightings));
+    sigma = std::max(ICLK_TURN_LEAST_SIGMA, scatter(camera, *found, sightings));
   }
   return found;
 }

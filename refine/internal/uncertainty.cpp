@@ -10,13 +10,13 @@
 #include <Eigen/LU>
 #include <Eigen/QR>
 
+#include <iclk/shaders/refine/refine.h>
 #include <iclk/shaders/shared.h>
 
 namespace iclk::internal {
 namespace {
 
-constexpr double kFreedom = 3;        // of Student's t
-constexpr double kCommonDepth = 0.5;  // share of a depth's sigma that all depths have in common
+constexpr double kFreedom = 3;  // of Student's t
 
 /// q du1 / dq, px: where a relative error of the inverse depth leads.
 Eigen::Vector2d along_epipolar(const Camera& camera, const Observation& o, const SE3& T_10) {
@@ -168,7 +168,7 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
   if (!camera_sigma) shared.calibration = calibration_sigma(J, calibration, y, variance);
   const Eigen::LDLT<Matrix6d> H(J.transpose() * J);
   const Eigen::Matrix<double, 6, 3> by_calibration = H.solve(J.transpose() * calibration);
-  const Vector6d by_depth = kCommonDepth * H.solve(J.transpose() * depth);
+  const Vector6d by_depth = ICLK_COMMON_DEPTH * H.solve(J.transpose() * depth);
   shared.covariance =
       shared.calibration * shared.calibration * by_calibration * by_calibration.transpose() + by_depth * by_depth.transpose();
   return shared;
@@ -189,7 +189,7 @@ Matrix6d depth_covariance(const Camera& camera, const Features& features, std::s
     const Vector6d s = J.transpose() * (camera.project_jacobian(p) * T_10.t * q) * (own > 0 ? own : relative_depth);
     H += J.transpose() * J;
     single += s * s.transpose();
-    common += kCommonDepth * s;
+    common += ICLK_COMMON_DEPTH * s;
     ++seen;
   }
   const Vector6d diagonal = H.diagonal();

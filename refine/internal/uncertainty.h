@@ -49,8 +49,4 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
 Matrix6d depth_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
                           double relative_depth, double common_sigma = 0);
 
-/// px: what the maps of learned models are off by together where no grey values confirm them. Under severe changes the errors
-/// of 200 features do not average out. Chosen on the Alps and on orbits (docs/design.md).
-inline constexpr double kMapSigma = 0.12;
-
 }  // namespace iclk::internal

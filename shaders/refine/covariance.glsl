@@ -1,6 +1,4 @@
 // What refine/internal/uncertainty.cpp says of a pose, in single precision.
-const float MAP_SIGMA = 0.12;    // px: kMapSigma of refine/internal/uncertainty.h
-const float COMMON_DEPTH = 0.5;  // share of a depth's sigma that all depths have in common
 
 shared float shared_part[36];  // a covariance; lane 0 writes
 shared float by[24];           // what the pose makes of each of four columns
@@ -127,7 +125,7 @@ void shared_errors(Pose T, float scale, float relative_depth, float psi2, float 
   [[dont_unroll]] for (int k = 0; k < 36; ++k) {
     int i = k / 6, j = k % 6;
     float t = by[i] * by[j] + by[6 + i] * by[6 + j] + by[12 + i] * by[12 + j];
-    shared_part[k] = mean * t + COMMON_DEPTH * COMMON_DEPTH * by[18 + i] * by[18 + j];
+    shared_part[k] = mean * t + ICLK_COMMON_DEPTH * ICLK_COMMON_DEPTH * by[18 + i] * by[18 + j];
   }
 }
 
@@ -147,7 +145,7 @@ void depth_covariance(Pose T, float relative_depth) {
     float moved[6];
     [[unroll]] for (int k = 0; k < 6; ++k) {
       moved[k] = J.u[k] * a.x + J.v[k] * a.y;
-      H[21 + k] += COMMON_DEPTH * moved[k];
+      H[21 + k] += ICLK_COMMON_DEPTH * moved[k];
     }
     add_products(H, 1.0, J.u, J.u);
     add_products(H, 1.0, J.v, J.v);
@@ -162,7 +160,7 @@ void depth_covariance(Pose T, float relative_depth) {
   if (lane >= 36u) return;
   // inverse (singles + common common^T) inverse + what the maps are off by together
   uint i = lane / 6u, j = lane % 6u;
-  float t = totals[21] * MAP_SIGMA * MAP_SIGMA * columns[lane];
+  float t = totals[21] * ICLK_MAP_SIGMA * ICLK_MAP_SIGMA * columns[lane];
   [[dont_unroll]] for (uint k = 0u; k < 6u; ++k)
     [[dont_unroll]] for (uint l = 0u; l < 6u; ++l) {
       uint lo = min(k, l), hi = max(k, l);

@@ -8,6 +8,28 @@ namespace iclk::shaders {
 using uint = uint32_t;
 #endif
 
+// The turn of a pair's target while its rows were read (refine/rolling_shutter.h): Cauchy's scale, sigmas of a position, px.
+#define ICLK_TURN_CAUCHY 2.5
+#define ICLK_TURN_FIRST_SIGMA 1.0
+#define ICLK_TURN_LEAST_SIGMA 0.1
+#define ICLK_TURN_ITERATIONS 5  // a scale
+#define ICLK_TURN_SCALES 3
+#define ICLK_TURN_SIGHTINGS 15  // at least
+
+// What proves a turn. On pairs of hololens_80 and tum_fr1_rpy_300, whose shutters roll, errors of the pose halve; on tartan_60,
+// whose does not, features on the edges of depth make up turns, but of less than 0.5 px. Errors of depth are alike in
+// many features, which is why chi2 is asked for that chance never has.
+#define ICLK_TURN_PROVEN_CHI2 50.0
+#define ICLK_TURN_PROVEN_BEND 0.5    // px
+#define ICLK_TURN_PRIOR_SIGMA 0.05   // rad: a camera at 100 degrees a second turns so far in 30 ms
+#define ICLK_TURN_EXPECTED 0.01      // rad: at 20 degrees a second, which a hand does
+
+// Share of a depth's sigma that all depths have in common.
+#define ICLK_COMMON_DEPTH 0.5
+// px: what the maps of learned models are off by together where no grey values confirm them. Under severe changes the errors
+// of 200 features do not average out. Chosen on the Alps and on orbits (docs/design.md).
+#define ICLK_MAP_SIGMA 0.12
+
 // Feature alignment: all features of one pair, warped by one pose.
 struct FeatureTask {
   uint reference, pair;

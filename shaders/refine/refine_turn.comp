@@ -12,11 +12,6 @@ layout(set = 0, binding = 7, std430) buffer Tasks { FeatureTask tasks[]; };
 #include "refine/solve.glsl"
 #include "refine/medians.glsl"
 
-const float CAUCHY = 2.5, PROVEN_CHI2 = 50.0, PROVEN_BEND = 0.5, PRIOR_SIGMA = 0.05, EXPECTED_TURN = 0.01;
-const float FIRST_SIGMA = 1.0, LEAST_SIGMA = 0.1;
-const int ITERATIONS = 5, SCALES = 3;
-const uint LEAST_SIGHTINGS = 15;
-
 // A feature at the time of its row, how far off it was found, and du1 / d(pose, turn).
 struct Sighting {
   bool in_front;
@@ -60,7 +55,7 @@ bool step_turn(inout Pose T, inout vec3 turned, float sigma, out mat3 S) {
     if (observations[i].used == 0u) continue;
     Sighting x = sighting(i, T, turned);
     if (!x.in_front) continue;
-    float w = squared / (1.0 + dot(x.r, x.r) * squared / (CAUCHY * CAUCHY));
+    float w = squared / (1.0 + dot(x.r, x.r) * squared / (ICLK_TURN_CAUCHY * ICLK_TURN_CAUCHY));
     add_products(s, w, x.pose.u, x.pose.u);
     add_products(s, w, x.pose.v, x.pose.v);
     [[unroll]] for (int k = 0; k < 6; ++k) s[21 + k] += w * (x.pose.u[k] * x.r.x + x.pose.v[k] * x.r.y);
@@ -72,7 +67,7 @@ bool step_turn(inout Pose T, inout vec3 turned, float sigma, out mat3 S) {
     if (observations[i].used == 0u) continue;
     Sighting x = sighting(i, T, turned);
     if (!x.in_front) continue;
-    float w = squared / (1.0 + dot(x.r, x.r) * squared / (CAUCHY * CAUCHY));
+    float w = squared / (1.0 + dot(x.r, x.r) * squared / (ICLK_TURN_CAUCHY * ICLK_TURN_CAUCHY));
     [[unroll]] for (int c = 0; c < 3; ++c) {
       [[unroll]] for (int k = 0; k < 6; ++k)
         s[6 * c + k] += w * (x.pose.u[k] * x.turn_u[c] + x.pose.v[k] * x.turn_v[c]);
@@ -87,7 +82,7 @@ bool step_turn(inout Pose T, inout vec3 turned, float sigma, out mat3 S) {
   else if (lane < 24u) columns[lane] = matrix[lane + 3u];
   barrier();
   solve(4u);
-  float prior = 1.0 / (PRIOR_SIGMA * PRIOR_SIGMA);
+  float prior = 1.0 / (ICLK_TURN_PRIOR_SIGMA * ICLK_TURN_PRIOR_SIGMA);
   S = mat3(totals[18], totals[19], totals[20], totals[19], totals[21], totals[22], totals[20], totals[22], totals[23]);
   vec3 b = vec3(totals[24], totals[25], totals[26]) - prior * turned;
   [[dont_unroll]] for (int c = 0; c < 3; ++c) {
@@ -114,14 +109,14 @@ void main() {
   begin(index);
   RefineState before = states[index];
   if (lane == 0u) tasks[index].feature_count = 0u;
-  if (before.rounds == 0u || before.used < LEAST_SIGHTINGS) return;
+  if (before.rounds == 0u || before.used < uint(ICLK_TURN_SIGHTINGS)) return;
   Pose T = pose_of(before.pose);
   vec3 turned = vec3(0.0);
   mat3 S = mat3(1.0);
-  float sigma = FIRST_SIGMA;
-  [[dont_unroll]] for (int n = 0; n < SCALES * ITERATIONS; ++n) {
-    if (n % ITERATIONS == 0) {
-      if (n > 0) sigma = max(LEAST_SIGMA, scatter(T, turned, before.used));
+  float sigma = ICLK_TURN_FIRST_SIGMA;
+  [[dont_unroll]] for (int n = 0; n < ICLK_TURN_SCALES * ICLK_TURN_ITERATIONS; ++n) {
+    if (n % ICLK_TURN_ITERATIONS == 0) {
+      if (n > 0) sigma = max(ICLK_TURN_LEAST_SIGMA, scatter(T, turned, before.used));
       turned = vec3(0.0);
     }
     if (!step_turn(T, turned, sigma, S)) return;
@@ -131,7 +126,7 @@ void main() {
   float bend = 0.5 * length(turned * vec3(reference.fy, reference.fx, radius));
   float chi2 = dot(turned, S * turned);
   mat3 C = inverse(S);
-  float odds = 0.5 * chi2 - 0.5 * log(determinant(S)) - 3.0 * log(EXPECTED_TURN);
+  float odds = 0.5 * chi2 - 0.5 * log(determinant(S)) - 3.0 * log(ICLK_TURN_EXPECTED);
   float probability = 1.0 / (1.0 + exp(-odds));
   // The way from the pose without the turn to the one with it: the logarithm to first order, since they are pixels apart.
   Pose straight = pose_of(before.pose);
@@ -147,7 +142,7 @@ void main() {
     turns[index].pose_share[lane] = share;
     turns[index].doubt[lane] = is_finite(doubt) ? doubt : 0.0;
   }
-  if (lane != 0u || !(chi2 > PROVEN_CHI2) || !(bend > PROVEN_BEND)) return;
+  if (lane != 0u || !(chi2 > ICLK_TURN_PROVEN_CHI2) || !(bend > ICLK_TURN_PROVEN_BEND)) return;
   turns[index].turn = float[3](turned.x, turned.y, turned.z);
   turns[index].before = before;
   tasks[index].feature_count = pair.feature_count;

@@ -349,7 +349,7 @@ TEST(DevicePose, UnconfirmedPosesKeepIclksCovarianceAndThatOfTheDepths) {
   EXPECT_EQ(o.info.refined, 0u);
   const Matrix6d expected =
       c.iclk_covariance + internal::depth_covariance(c.camera, c.features, check_features(c.features, c.camera), c.T_10, 0,
-                                                     internal::kMapSigma);
+                                                     ICLK_MAP_SIGMA);
   EXPECT_GT(difference(expected, c.iclk_covariance), 0.1);
   EXPECT_LT(difference(expected, o.covariance), 0.02);
 }
