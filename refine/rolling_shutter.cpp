@@ -44,7 +44,9 @@ double TurnEstimate::bend(const Camera& camera) const {
   return Eigen::Vector3d(turn.x() * camera.fy, turn.y() * camera.fx, turn.z() * radius).norm() / 2;
 }
 
-bool TurnEstimate::proven(const Camera& camera) const { return chi2() > ICLK_TURN_PROVEN_CHI2 && bend(camera) > ICLK_TURN_PROVEN_BEND; }
+bool TurnEstimate::proven(const Camera& camera) const {
+  return chi2() > ICLK_TURN_PROVEN_CHI2 && bend(camera) > ICLK_TURN_PROVEN_BEND;
+}
 
 double TurnEstimate::probability() const {
   const Eigen::Matrix3d L = covariance.llt().matrixL();

@@ -20,9 +20,9 @@ using uint = uint32_t;
 // whose does not, features on the edges of depth make up turns, but of less than 0.5 px. Errors of depth are alike in
 // many features, which is why chi2 is asked for that chance never has.
 #define ICLK_TURN_PROVEN_CHI2 50.0
-#define ICLK_TURN_PROVEN_BEND 0.5    // px
-#define ICLK_TURN_PRIOR_SIGMA 0.05   // rad: a camera at 100 degrees a second turns so far in 30 ms
-#define ICLK_TURN_EXPECTED 0.01      // rad: at 20 degrees a second, which a hand does
+#define ICLK_TURN_PROVEN_BEND 0.5   // px
+#define ICLK_TURN_PRIOR_SIGMA 0.05  // rad: a camera at 100 degrees a second turns so far in 30 ms
+#define ICLK_TURN_EXPECTED 0.01     // rad: at 20 degrees a second, which a hand does
 
 // Share of a depth's sigma that all depths have in common.
 #define ICLK_COMMON_DEPTH 0.5
