@@ -143,6 +143,7 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, c
 const char* lacking(const Way& way, const ConvStep& step) {
   const auto context = test::device();
   if (way.shuffle && !internal::can_shuffle(context->info())) return "no subgroup shuffles here";
+  if (step.variant == ConvVariant::winograd4 && context->storage_reads()) return "no large texel buffers here";
   return way.fused && !internal::can_fuse(step, *context) ? "not a CPU with shuffles" : nullptr;
 }
 

@@ -95,6 +95,7 @@ def test_other_threads_run_meanwhile(small: Scene) -> None:
 def test_ctrl_c_ends_a_long_batch(device: str | None) -> None:
     child = python(
         """
+        signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs in a shell's background ignore it
         a = aligner(batch=4)
         a.align(0, s.target)
         print("ready", flush=True)
