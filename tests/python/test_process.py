@@ -11,6 +11,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -33,15 +34,30 @@ def aligner(batch=16):
 """
 
 
+CHILDREN: list[subprocess.Popen] = []
+
+
+@pytest.fixture(autouse=True)
+def no_child_is_left() -> Iterator[None]:
+    yield
+    while CHILDREN:
+        child = CHILDREN.pop()
+        if child.poll() is None:  # of a test that failed
+            child.kill()
+            child.communicate()
+
+
 def python(code: str, device: str | None = "cpu", **environment: str) -> subprocess.Popen:
     path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-    return subprocess.Popen(
+    child = subprocess.Popen(
         [sys.executable, "-X", "faulthandler", "-c", SETUP.format(device=device) + textwrap.dedent(code)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": path, "ICLK_ALLOW_NO_DEVICE": "1", **environment},
     )
+    CHILDREN.append(child)
+    return child
 
 
 def test_two_threads_with_an_aligner_each(small: Scene, device: str | None) -> None:
