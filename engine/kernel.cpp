@@ -19,7 +19,8 @@ KernelDescription suited(const Context& context, KernelDescription d) {
     throw Error(ErrorCode::unsupported,
                 who_of(d) + "reads storage texel buffers, for which those of " + context.info().name + " are too small");
   if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read) == 0) return d;
-  if (d.spirv.storage.empty())
+  // The same words twice: what it was built from reads texel buffers either way.
+  if (d.spirv.storage.empty() || std::ranges::equal(d.spirv.storage, d.spirv.texels))
     throw Error(ErrorCode::unsupported,
                 who_of(d) + "has no build for " + context.info().name + ", whose texel buffers are too small");
   std::replace(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read, BindingKind::storage_read);
@@ -146,6 +147,8 @@ void Kernel::destroy() noexcept {
 }
 
 void KernelBatch::make() {
+  // None is compiled where one cannot be had.
+  for (const auto& each : wanted_) check_description(*context_, suited(*context_, each.second));
   std::vector<std::pair<Kernel*, std::future<Kernel>>> made;
   for (const auto& each : wanted_)
     made.emplace_back(each.first, std::async(std::launch::async, [&] { return Kernel(context_, each.second); }));

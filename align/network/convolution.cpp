@@ -5,7 +5,6 @@
 #include <cstring>
 #include <thread>
 
-#include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 
 #include "conv_border.comp.spv.h"
@@ -126,10 +125,6 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
           columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
         break;
       case ConvVariant::winograd4:
-        // Its transform has no build for storage buffers: the product, which reads storage texel buffers, could not use it.
-        if (context->storage_reads())
-          throw Error(ErrorCode::unsupported, "kernel 'encode': winograd4 reads texel buffers, for which those of " +
-                                                  context->info().name + " are too small");
         if (step.fused) {
           wanted.add(tile_fused_[step.reduced], {"encode",
                                                  winograd4_fused_comp_spv,

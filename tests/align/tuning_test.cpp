@@ -96,8 +96,6 @@ TEST(Tuning, MeasuresWhatIsMissing) {
   const auto shapes = encoder_shapes(*model, 64, 48, 2);
   ASSERT_EQ(shapes.size(), 5u);
   EXPECT_EQ(encoder_shapes(*model, 64, 48, 99).size(), 10u);
-  const LayerTimes one = time_layers(test::device(), {shapes[0]}, 1).front();
-  EXPECT_EQ(one.way(ConvVariant::winograd4) == nullptr, test::device()->storage_reads());  // dropped, it has no such build
   Tuning known;
   known.variants[shapes[0]] = ConvVariant::winograd4;
   std::vector<int> calls;
@@ -117,6 +115,18 @@ TEST(Tuning, MeasuresWhatIsMissing) {
   EXPECT_TRUE(both.variants.contains(half));
   const auto none = [](int, int) { ADD_FAILURE() << "measured again"; };
   EXPECT_EQ(tune(test::device(), shapes, tuned, none).variants, tuned.variants);
+}
+
+TEST(Tuning, DropsWhatReadsTexelBuffersWhereTheseAreTooSmall) {
+  ICLK_NEED_DEVICE();
+  auto request = test::watched_options();
+  request.storage_reads = true;
+  request.subgroups = false;  // each of its kernels by itself
+  const LayerTimes times = time_layers(engine::create_context(request), {{8, 16, 2, 24, 20}}, 1).front();
+  EXPECT_EQ(times.ways.size(), 2u);
+  ASSERT_EQ(times.dropped.size(), 1u);
+  EXPECT_EQ(times.dropped[0].variant, ConvVariant::winograd4);
+  EXPECT_NE(times.dropped[0].why.find("texel buffers"), std::string::npos) << times.dropped[0].why;
 }
 
 TEST(Tuning, KeyNamesDeviceDriverAndShaders) {

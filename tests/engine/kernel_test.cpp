@@ -179,7 +179,9 @@ TEST(StorageReads, RefuseWhatHasNoSuchBuild) {
     }
     return "no error";
   };
-  EXPECT_NE(message(sum_comp_spv.texels, BindingKind::texel_read).find("texel buffers are too small"), std::string::npos);
+  const auto words = sum_comp_spv.texels;
+  for (const ShaderCode& code : {ShaderCode(words), ShaderCode(words, words)})  // none, and the same once more
+    EXPECT_NE(message(code, BindingKind::texel_read).find("texel buffers are too small"), std::string::npos);
   EXPECT_NE(message(sum_comp_spv, BindingKind::image_read).find("storage texel buffers"), std::string::npos);
 }
 
