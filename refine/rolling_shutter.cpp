@@ -12,22 +12,24 @@ namespace iclk {
 namespace {
 
 constexpr double kLeastZ = 1e-3;
+constexpr int kCell = 16;  // px between a grid's nodes: lenses bend less than a hundredth of a row in between
 
 Eigen::Matrix3d turned(const Eigen::Vector3d& phi) {
   return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
 }
 
 /// Where camera 1 has the feature ahead at the time of its row.
-Eigen::Vector3d seen(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn, const Eigen::Vector3d& ray,
+Eigen::Vector3d seen(const RowTimes& rows, const SE3& T_10, const Eigen::Vector3d& turn, const Eigen::Vector3d& ray,
                      const RollingSighting& s) {
-  return turned(-turn * row_time(camera, s.uv1.y())) * (T_10.R * ray + s.inverse_depth * T_10.t);
+  return turned(-turn * rows.at(s.uv1)) * (T_10.R * ray + s.inverse_depth * T_10.t);
 }
 
 /// px, of a component: by the median, so that bad sightings do not matter.
-double scatter(const Camera& camera, const TurnEstimate& estimate, std::span<const RollingSighting> sightings) {
+double scatter(const Camera& camera, const RowTimes& rows, const TurnEstimate& estimate,
+               std::span<const RollingSighting> sightings) {
   std::vector<double> distances;
   for (const RollingSighting& s : sightings)
-    if (const Eigen::Vector3d p = seen(camera, estimate.T_10, estimate.turn, camera.ray(s.uv0), s); p.z() > kLeastZ)
+    if (const Eigen::Vector3d p = seen(rows, estimate.T_10, estimate.turn, camera.ray(s.uv0), s); p.z() > kLeastZ)
       distances.push_back((s.uv1 - camera.project(p)).norm());
   if (distances.empty()) return 0;
   const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
@@ -36,6 +38,27 @@ double scatter(const Camera& camera, const TurnEstimate& estimate, std::span<con
 }
 
 }  // namespace
+
+RowTimes::RowTimes(const Camera& camera) : camera_(camera) {}
+
+RowTimes::RowTimes(const Camera& camera, const std::function<double(const Eigen::Vector2d&)>& time)
+    : camera_(camera), columns_((camera.width - 1) / kCell + 2) {
+  const int rows = (camera.height - 1) / kCell + 2;
+  nodes_.reserve(static_cast<size_t>(columns_) * static_cast<size_t>(rows));
+  for (int j = 0; j < rows; ++j)
+    for (int i = 0; i < columns_; ++i) nodes_.push_back(time(Eigen::Vector2d(i, j) * kCell));
+}
+
+double RowTimes::at(const Eigen::Vector2d& uv) const {
+  if (nodes_.empty()) return row_time(camera_, uv.y());
+  const double x = std::clamp(uv.x(), 0.0, camera_.width - 1.0) / kCell,
+               y = std::clamp(uv.y(), 0.0, camera_.height - 1.0) / kCell;
+  const auto i = static_cast<size_t>(x), j = static_cast<size_t>(y);
+  const double a = x - static_cast<double>(i), b = y - static_cast<double>(j);
+  const double* above = &nodes_[j * static_cast<size_t>(columns_) + i];
+  const double* below = above + columns_;
+  return (1 - b) * ((1 - a) * above[0] + a * above[1]) + b * ((1 - a) * below[0] + a * below[1]);
+}
 
 double TurnEstimate::chi2() const { return turn.dot(covariance.llt().solve(turn)); }
 
@@ -60,8 +83,9 @@ Matrix6d TurnEstimate::doubt(const SE3& straight) const {
   return probability() * (way * way.transpose() + pose_share);
 }
 
-std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
-                                          std::span<const RollingSighting> sightings, double sigma, double prior_sigma) {
+std::optional<TurnEstimate> estimate_turn(const Camera& camera, const RowTimes& rows, const SE3& T_10,
+                                          const Eigen::Vector3d& turn_0, std::span<const RollingSighting> sightings,
+                                          double sigma, double prior_sigma) {
   if (sightings.size() < ICLK_TURN_SIGHTINGS) return {};
   using Vector9d = Eigen::Matrix<double, 9, 1>;
   using Matrix9d = Eigen::Matrix<double, 9, 9>;
@@ -73,10 +97,10 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10,
     Matrix9d H = Matrix9d::Zero();
     Vector9d b = Vector9d::Zero();
     for (const RollingSighting& s : sightings) {
-      const double q = s.inverse_depth, at = row_time(camera, s.uv1.y());
-      const Eigen::Vector3d ray = turned(turn_0 * row_time(camera, s.uv0.y())) * camera.ray(s.uv0);
+      const double q = s.inverse_depth, at = rows.at(s.uv1);
+      const Eigen::Vector3d ray = turned(turn_0 * rows.at(s.uv0)) * camera.ray(s.uv0);
       const Eigen::Matrix3d R = turned(-out.turn * at);
-      const Eigen::Vector3d p = seen(camera, T, out.turn, ray, s);
+      const Eigen::Vector3d p = seen(rows, T, out.turn, ray, s);
       if (!(p.z() > kLeastZ)) continue;
       const Eigen::Matrix<double, 2, 3> J = camera.project_jacobian(p);
       const Eigen::Vector2d r = (s.uv1 - camera.project(p)) / sigma;
@@ -105,15 +129,17 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10,
 
 std::optional<TurnEstimate> pair_turn(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10) {
+  const RowTimes rows(camera);
   std::vector<RollingSighting> sightings;
   for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, ICLK_TURN_LEAST_SIGMA))
     sightings.push_back({o.uv0, o.uv1, o.q});
   double sigma = ICLK_TURN_FIRST_SIGMA;
   std::optional<TurnEstimate> found;
   for (int i = 0; i < ICLK_TURN_SCALES; ++i) {
-    found = estimate_turn(camera, found ? found->T_10 : T_10, Eigen::Vector3d::Zero(), sightings, sigma, ICLK_TURN_PRIOR_SIGMA);
+    found = estimate_turn(camera, rows, found ? found->T_10 : T_10, Eigen::Vector3d::Zero(), sightings, sigma,
+                          ICLK_TURN_PRIOR_SIGMA);
     if (!found) return {};
-    sigma = std::max(ICLK_TURN_LEAST_SIGMA, scatter(camera, *found, sightings));
+    sigma = std::max(ICLK_TURN_LEAST_SIGMA, scatter(camera, rows, *found, sightings));
   }
   return found;
 }

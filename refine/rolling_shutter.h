@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <optional>
 #include <span>
 #include <vector>
@@ -15,6 +16,24 @@ namespace iclk {
 /// When row v of an image was seen, as a share of the readout: -0.5 at the first row, 0.5 at the last, 0 at the frame's time.
 inline double row_time(const Camera& camera, double v) { return (v + 0.5) / camera.height - 0.5; }
 
+/// The same of every pixel, also of an image that was resampled from what the camera read, so that its rows are not the
+/// camera's.
+class RowTimes {
+ public:
+  /// Of an image as it was read: row_time().
+  explicit RowTimes(const Camera& camera);
+  /// Of an image that was resampled, as by undoing a lens. `time` is asked at nodes 16 px apart, a few of them beyond the
+  /// image's right and lower border; in between it is interpolated.
+  RowTimes(const Camera& camera, const std::function<double(const Eigen::Vector2d&)>& time);
+
+  double at(const Eigen::Vector2d& uv) const;  ///< beyond the image that of the nearest border pixel, if it was resampled
+
+ private:
+  Camera camera_;
+  int columns_ = 0;
+  std::vector<double> nodes_;  ///< row by row; empty: the image is as it was read
+};
+
 /// A feature of a reference, and where it was found in a target.
 struct RollingSighting {
   Eigen::Vector2d uv0, uv1;
@@ -27,19 +46,20 @@ struct TurnEstimate {
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
   SE3 T_10;                                 ///< found with it
   Matrix6d pose_share = Matrix6d::Zero();   ///< what the turn's uncertainty adds to the covariance of T_10, [rho, phi]
-  double chi2() const;                        ///< of the turn against none: 3 degrees of freedom
-  double bend(const Camera& camera) const;    ///< px: how far the turn moves a pixel of the first or the last row, at most
-  bool proven(const Camera& camera) const;    ///< chi2() above 50 and bend() above 0.5 px
+  double chi2() const;                      ///< of the turn against none: 3 degrees of freedom
+  double bend(const Camera& camera) const;  ///< px: how far the turn moves a pixel of the first or the last row, at most
+  bool proven(const Camera& camera) const;  ///< chi2() above 50 and bend() above 0.5 px
   /// That the camera turned, against that it did not: both as likely before, turns of 0.01 rad an axis expected.
   double probability() const;
   /// What a turn that is not proven adds to the covariance of `straight`, the pose found without it: with probability() the
   /// truth is T_10, as uncertain as pose_share.
   Matrix6d doubt(const SE3& straight) const;
 };
-/// Pose and turn together, by robust least squares about T_10. `turn_0`: the reference's own, rad. `sigma`: px, of the
-/// positions; `prior_sigma`: rad, of the turn about zero, an axis. Nothing where the sightings are too few.
-std::optional<TurnEstimate> estimate_turn(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
-                                          std::span<const RollingSighting> sightings, double sigma, double prior_sigma);
+/// Pose and turn together, by robust least squares about T_10. `rows`: of both images. `turn_0`: the reference's own, rad.
+/// `sigma`: px, of the positions; `prior_sigma`: rad, of the turn about zero, an axis. Nothing where the sightings are too few.
+std::optional<TurnEstimate> estimate_turn(const Camera& camera, const RowTimes& rows, const SE3& T_10,
+                                          const Eigen::Vector3d& turn_0, std::span<const RollingSighting> sightings,
+                                          double sigma, double prior_sigma);
 
 /// The turn of a pair's target in relation to its reference's, from the aligned features and the scatter that their residuals
 /// have; nothing where they are too few. That both images are bent alike is not seen and does no harm. Preconditions as of

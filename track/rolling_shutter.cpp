@@ -34,12 +34,12 @@ struct Source {
   float depth_ratio = 1;
 };
 
-Source source_of(const Camera& camera, const Eigen::Vector3d& turn, const Eigen::Vector2d& uv) {
+Source source_of(const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn, const Eigen::Vector2d& uv) {
   const Eigen::Vector3d ray = camera.ray(uv);
   Eigen::Vector2d at = uv;
   double z = 1;
   for (int round = 0; round < kRounds; ++round) {
-    const Eigen::Vector3d p = turned(-turn * row_time(camera, at.y())) * ray;
+    const Eigen::Vector3d p = turned(-turn * rows.at(at)) * ray;
     if (!(p.z() > kLeastZ)) return {Eigen::Vector2f::Constant(-1e6f), 1};
     at = camera.project(p);
     z = p.z();
@@ -50,11 +50,11 @@ Source source_of(const Camera& camera, const Eigen::Vector3d& turn, const Eigen:
 /// source_of() all pixels.
 class Sources {
  public:
-  Sources(const Camera& camera, const Eigen::Vector3d& turn) : columns_((camera.width - 1) / kCell + 2) {
+  Sources(const Camera& camera, const RowTimes& times, const Eigen::Vector3d& turn) : columns_((camera.width - 1) / kCell + 2) {
     const int rows = (camera.height - 1) / kCell + 2;
     nodes_.reserve(static_cast<size_t>(columns_) * static_cast<size_t>(rows));
     for (int j = 0; j < rows; ++j)
-      for (int i = 0; i < columns_; ++i) nodes_.push_back(source_of(camera, turn, Eigen::Vector2d(i, j) * kCell));
+      for (int i = 0; i < columns_; ++i) nodes_.push_back(source_of(camera, times, turn, Eigen::Vector2d(i, j) * kCell));
   }
   /// One row of pixels.
   void row(int v, std::vector<Source>& out) const {
@@ -99,7 +99,8 @@ bool inside(const ImageView& image, int u, int v) { return u >= 0 && v >= 0 && u
 
 }  // namespace
 
-void unroll(const TrackFrame& frame, const Camera& camera, const Eigen::Vector3d& turn, FramePixels& out) {
+void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn,
+            FramePixels& out) {
   const ImageView& image = frame.image;
   const size_t width = static_cast<size_t>(image.width), pixels = width * static_cast<size_t>(image.height);
   const size_t bytes = bytes_per_pixel(image.format), sample = bytes / static_cast<size_t>(channels(image.format));
@@ -108,7 +109,7 @@ void unroll(const TrackFrame& frame, const Camera& camera, const Eigen::Vector3d
   out.image.resize(pixels * bytes);
   out.mask.resize(pixels);
   out.depth.resize(frame.depth.empty() ? 0 : pixels);
-  const Sources sources(camera, turn);
+  const Sources sources(camera, rows, turn);
   std::vector<Source> row(width);
   for (int v = 0; v < image.height; ++v) {
     const size_t at = static_cast<size_t>(v) * width;

@@ -11,10 +11,10 @@
 namespace iclk {
 
 /// The frame as a camera sees it that reads all its rows at once, at the frame's time. `turn`: rotation vector of the camera's
-/// motion while its rows were read, rad, in its own axes; taken as even. What the camera shifts meanwhile stays in: it would
-/// need the depth of every pixel. Image: bilinear. Depth, as rolling as the image, and mask: nearest. Where the source has
-/// nothing the mask is 0; without one in `frame`, so it is made.
-void unroll(const TrackFrame& frame, const Camera& camera, const Eigen::Vector3d& turn, FramePixels& out);
+/// motion while its rows were read, rad, in its own axes; taken as even. `rows`: when it saw the frame's pixels. What the
+/// camera shifts meanwhile stays in: it would need the depth of every pixel. Image: bilinear. Depth, as rolling as the image,
+/// and mask: nearest. Where the source has nothing the mask is 0; without one in `frame`, so it is made.
+void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn, FramePixels& out);
 
 /// How long the readout takes: turns while rows are read, over how fast the camera turned from frame to frame. Frames vote, so
 /// that bad ones do not matter; memory does not grow.

@@ -79,6 +79,7 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
     : aligner(aligner),
       camera(camera),
       options(options),
+      rows(options.rows.value_or(RowTimes(camera))),
       refiner(aligner, for_tracking(options.refiner)),
       keyframes(options.keyframes) {}
 

@@ -1,11 +1,13 @@
 #pragma once
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include <iclk/align/aligner.h>
 #include <iclk/refine/refiner.h>
+#include <iclk/refine/rolling_shutter.h>
 #include <iclk/track/bundle.h>
 #include <iclk/track/detector.h>
 #include <iclk/track/keyframes.h>
@@ -47,6 +49,8 @@ struct TrackerOptions {
   /// Rolling shutter: s from an image's first row to its last, negative if the last comes first; 0: all at once. Frames are
   /// unrolled by how fast the camera turns (rolling_shutter.h), their times are those of the middle rows.
   double readout = 0;
+  /// Of frames that were resampled from what the camera read: when each pixel was seen. None: rows are the camera's.
+  std::optional<RowTimes> rows;
   /// A frame whose gradients have less of the keyframe's energy is blurred, and becomes no keyframe unless it has to.
   double min_sharpness = 0.7;
   RefinerOptions refiner;

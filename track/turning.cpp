@@ -21,7 +21,7 @@ constexpr double kTurnSigma = 0.1;
 
 TrackFrame Tracker::Impl::unrolled(const TrackFrame& frame, const Eigen::Vector3d& with) {
   if (!rolls()) return frame;
-  unroll(frame, camera, with * options.readout, flat);
+  unroll(frame, camera, rows, with * options.readout, flat);
   return flat.frame(camera);
 }
 
@@ -38,7 +38,7 @@ std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found, double 
   for (size_t i = 0; i < a.features.size(); ++i)
     if (a.features[i].status == FeatureStatus::aligned)
       sightings.push_back({k.features.uv[i], a.features[i].uv1, k.features.inverse_depth[i]});
-  return estimate_turn(camera, a.T_10, k.turn, sightings, std::max(a.sigma, kLeastSigma), prior_sigma);
+  return estimate_turn(camera, rows, a.T_10, k.turn, sightings, std::max(a.sigma, kLeastSigma), prior_sigma);
 }
 
 /// The image knows best how fast the camera turned while it was taken; where no features were found, the step before does.

@@ -38,10 +38,10 @@ std::string progress_text(const ProgressState& state, int columns) {
   std::string text = format(" %d/%d  %.1f %%", done, state.total, std::floor(1000 * share) / 10);
   if (state.done > 0 && state.seconds > 0) {
     const double rate = state.done / state.seconds;
-    text += format(rate < 10 ? "  %.2f pairs/s" : "  %.0f pairs/s", rate);
+    text += format(rate < 10 ? "  %.2f %s/s" : "  %.0f %s/s", rate, state.unit);
     if (done < state.total) text += "  " + duration_text((state.total - done) / rate) + " left";
   }
-  if (state.failed > 0) text += format("  %d failed", state.failed);
+  if (state.failed > 0) text += format("  %d %s", state.failed, state.bad);
   const int bar = std::min(40, columns - 2 - static_cast<int>(text.size()));
   if (bar < 4) return text.substr(1, static_cast<size_t>(std::max(columns, 1)));
   const auto filled = static_cast<size_t>(std::floor(share * bar));

@@ -15,6 +15,8 @@ struct ProgressState {
   int done = 0;        ///< done by this run
   int failed = 0;      ///< of these
   double seconds = 0;  ///< that this run has taken
+  const char* unit = "pairs";
+  const char* bad = "failed";  ///< what `failed` ones are called
 };
 
 /// "[=====>    ] 123/500  24.6 %  12.3 pairs/s  31 s left  2 failed", at most `columns` wide.

@@ -58,7 +58,9 @@ void run_track(const TrackCommand& command) {
   if (!frames.problem().empty()) spdlog::warn("{}", frames.problem());
   std::string noise = command.depth_sigma;
   if (noise.empty())
-    noise = frames.stereo() ? fmt::format("stereo:{},{}", kStereoSigma, frames.stereo()->baseline()) : "structured-light";
+    noise = frames.stereo() && options.frames.depth.empty()
+                ? fmt::format("stereo:{},{}", kStereoSigma, frames.stereo()->baseline())
+                : "structured-light";
   const DepthSigma sigma = parse_depth_sigma(noise);
   options.tracker.depth_noise = {sigma.constant, sigma.relative};
   if (command.readout != "auto") {
@@ -72,7 +74,13 @@ void run_track(const TrackCommand& command) {
   Stopwatch watch;
   const auto progress = [&](int done, int total, int lost) {
     if (done == 1) watch.restart();
-    bar.show({.total = total, .before = 0, .done = done, .failed = lost, .seconds = watch.wall_ms() / 1000});
+    bar.show({.total = total,
+              .before = 0,
+              .done = done,
+              .failed = lost,
+              .seconds = watch.wall_ms() / 1000,
+              .unit = "frames",
+              .bad = "lost"});
   };
   if (command.readout == "auto") options.tracker.readout = find_readout(options, frames, progress);
   const TrackReport report = track_sequence(options, frames, progress);

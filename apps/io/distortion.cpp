@@ -12,6 +12,12 @@
 #include "apps/io/text.h"
 
 namespace iclk {
+namespace {
+
+constexpr double kLeastZ = 1e-3;  // of rays; what looks farther to the side is beyond every lens's domain
+
+}  // namespace
+
 cv::Mat camera_matrix(const Camera& c) { return (cv::Mat_<double>(3, 3) << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1); }
 
 Distortion make_distortion(const std::string& model, std::vector<double> k, const std::string& where) {
@@ -57,7 +63,7 @@ std::string distortion_text(const Distortion& distortion) {
 Undistorter::Undistorter(const Camera& camera, const Distortion& distortion) : Undistorter(camera, distortion, camera) {}
 
 Undistorter::Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as, const Eigen::Matrix3d& R)
-    : camera_(camera), distortion_(distortion) {
+    : camera_(camera), as_(as), R_(R), distortion_(distortion), lens_(distortion) {
   const bool same = camera.fx == as.fx && camera.fy == as.fy && camera.cx == as.cx && camera.cy == as.cy &&
                     camera.width == as.width && camera.height == as.height;
   identity_ = distortion_.empty() && same && R == Eigen::Matrix3d::Identity();
@@ -70,7 +76,7 @@ Undistorter::Undistorter(const Camera& camera, const Distortion& distortion, con
     cv::fisheye::initUndistortRectifyMap(K, distortion_.k, turn, K_as, size, CV_32FC1, map_u_, map_v_);
   else
     cv::initUndistortRectifyMap(K, distortion_.k, turn, K_as, size, CV_32FC1, map_u_, map_v_);
-  const double domain = Lens(distortion_).radius();  // beyond it the model folds back
+  const double domain = lens_.radius();  // beyond it the model folds back
   seen_ = cv::Mat::zeros(size, CV_8UC1);
   for (int v = 0; v < size.height; ++v)
     for (int u = 0; u < size.width; ++u) {
@@ -93,7 +99,20 @@ cv::Mat Undistorter::depth(const cv::Mat& depth) const {
   cv::Mat out;
   cv::remap(depth, out, map_u_, map_v_, cv::INTER_NEAREST, cv::BORDER_CONSTANT, cv::Scalar(0));
   out.setTo(0, seen_ == 0);
+  if (R_ == Eigen::Matrix3d::Identity()) return out;
+  for (int v = 0; v < out.rows; ++v)
+    for (int u = 0; u < out.cols; ++u)
+      if (float& z = out.at<float>(v, u); z > 0) z /= static_cast<float>(R_.col(2).dot(as_.ray({u, v})));
   return out;
+}
+
+Eigen::Vector2d Undistorter::source(const Eigen::Vector2d& uv) const {
+  if (identity_) return uv;
+  const Eigen::Vector3d ray = R_.transpose() * as_.ray(uv);
+  Eigen::Vector2d xy = ray.head<2>() / std::max(ray.z(), kLeastZ);
+  if (const double r = xy.norm(); r > lens_.radius()) xy *= lens_.radius() / r;
+  xy = lens_.distort(xy);
+  return camera_.project({xy.x(), xy.y(), 1});
 }
 
 Eigen::Vector2d Undistorter::point(const Eigen::Vector2d& uv) const {

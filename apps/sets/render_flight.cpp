@@ -114,7 +114,7 @@ std::string render_flight(const RenderCommand& command, TerrainRenderer& rendere
   }
   check_disk(command.out, "frames", todo.size(), largest_frame(cameras), "a lower --rate or smaller --size");
   int blind = 0;
-  const double seconds = render_each(todo, total, [&](uint64_t index) -> std::function<void()> {
+  const double seconds = render_each("frames", todo, total, [&](uint64_t index) -> std::function<void()> {
     const FlightFrame& frame = files.frames()[index];
     auto left = std::make_shared<const View>(filming.shoot(cameras.left, frame, SE3()));
     std::shared_ptr<const View> right;

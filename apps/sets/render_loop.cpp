@@ -17,12 +17,13 @@ std::string megabytes(uint64_t bytes) { return std::to_string((bytes + 999999) /
 
 }  // namespace
 
-double render_each(const std::vector<uint64_t>& todo, uint64_t total,
+double render_each(const char* unit, const std::vector<uint64_t>& todo, uint64_t total,
                    const std::function<std::function<void()>(uint64_t)>& make) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
   ProgressBar bar;
   ProgressState state{static_cast<int>(total), static_cast<int>(total - todo.size()), 0, 0, 0};
+  state.unit = unit;
   std::future<void> writing;
   const auto finish = [&] {
     if (!writing.valid()) return;

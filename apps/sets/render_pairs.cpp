@@ -142,7 +142,7 @@ std::string render_pairs(const RenderCommand& command, TerrainRenderer& renderer
              largest_pair(first, second, rig ? 0 : detector.count, command.target_depth ? 2 : 1),
              "fewer --pairs (a set can be continued)");
   const cv::Mat suits = rig ? cv::Mat() : suitable(cameras.left, std::max(detector.border, 0));
-  const double seconds = render_each(todo, total, [&](uint64_t index) -> std::function<void()> {
+  const double seconds = render_each("pairs", todo, total, [&](uint64_t index) -> std::function<void()> {
     auto pair = std::make_shared<const RenderedPair>(source.draw(index));
     return [&, pair, index] {
       if (rig)

@@ -46,10 +46,7 @@ void RecordedFrames::load(const FramesOptions& options) {
 /// In place of the recording's.
 void RecordedFrames::give_depth() {
   if (options_.depth.empty()) return;
-  if (sequence_.rig)
-    throw Error(ErrorCode::invalid_argument,
-                options_.folder + " is a stereo recording, whose pairs give the depth: no --depth");
-  for (SequenceFrame& f : sequence_.frames) f.depth.clear();
+  for (SequenceFrame& f : sequence_.frames) f.depth.clear(), f.right.clear();
   if (!std::filesystem::is_directory(options_.depth)) {
     sequence_.frames[chosen_[0]].depth = options_.depth;
     return;
@@ -95,6 +92,13 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
   undistorter_.emplace(camera_, distortion_);
 }
 
+std::optional<RowTimes> RecordedFrames::rows() const {
+  if (!lens().remaps()) return {};
+  const double last = camera_.height - 1;  // the camera's own image is as large
+  return RowTimes(camera_,
+                  [&](const Eigen::Vector2d& uv) { return row_time(camera_, std::clamp(lens().source(uv).y(), 0.0, last)); });
+}
+
 cv::Mat RecordedFrames::image_of(int i) {
   return video_ ? video_->read(static_cast<int>(chosen_[static_cast<size_t>(i)])) : load_image(frame(i).image);
 }
@@ -118,20 +122,12 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
     }
   };
   attempt([&] { return image_of(i); }, f.image, pixels_.image);
-  if (stereo_) {
-    cv::Mat left = pixels_.image, right;
-    if (left.empty()) return pixels_;
-    if (has_depth(i)) attempt([&] { return load_image(f.right); }, f.right, right);
-    pixels_.image = stereo_->rectified(left);
-    if (!right.empty()) pixels_.depth = stereo_->depth(pixels_.image, right);
-    if (!pixels_.depth.empty()) cut_holes(pixels_.depth, options_.depth_holes, i);
-    return pixels_;
-  }
-  if (!f.depth.empty() && has_depth(i)) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, pixels_.depth);
-  if (masks()) {
-    if (!pixels_.image.empty()) pixels_.image = undistorter_->image(pixels_.image);
-    if (!pixels_.depth.empty()) pixels_.depth = undistorter_->depth(pixels_.depth);
-  }
+  cv::Mat depth, right;
+  if (!f.depth.empty() && has_depth(i)) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, depth);
+  if (!f.right.empty() && has_depth(i)) attempt([&] { return load_image(f.right); }, f.right, right);
+  if (!pixels_.image.empty()) pixels_.image = lens().image(pixels_.image);
+  if (!depth.empty()) pixels_.depth = lens().depth(depth);
+  if (!right.empty() && !pixels_.image.empty()) pixels_.depth = stereo_->depth(pixels_.image, right);
   if (!pixels_.depth.empty()) cut_holes(pixels_.depth, options_.depth_holes, i);
   return pixels_;
 }

@@ -19,7 +19,7 @@ namespace iclk {
 struct FramesOptions {
   std::string folder;  ///< as load_sequence() takes it, or a stereo recording as EuRoC's; or a video file
   /// Instead of the recording's: a folder of depth images, in order one a frame from the first on, as far as they go, or the
-  /// depth image of the first frame. Empty: the recording's.
+  /// depth image of the first frame; of the left camera as it sees, where there are two. Empty: the recording's.
   std::string depth;
   std::optional<CameraFile> camera;      ///< none: the folder's camera.txt
   std::optional<Distortion> distortion;  ///< none: the camera file's
@@ -45,8 +45,10 @@ class RecordedFrames {
   const std::string& problem() const { return problem_; }
   /// Of a stereo recording, whose camera is the rectified left one.
   const std::optional<StereoDepth>& stereo() const { return stereo_; }
-  bool masks() const { return !seen().empty(); }  ///< pixels that the lens did not see are masked
-  const cv::Mat& seen() const { return stereo_ ? stereo_->seen() : undistorter_->seen(); }  ///< CV_8UC1, empty without masks()
+  bool masks() const { return !seen().empty(); }         ///< pixels that the lens did not see are masked
+  const cv::Mat& seen() const { return lens().seen(); }  ///< CV_8UC1, empty without masks()
+  /// When the camera read what a frame's pixels show; nothing where the frames are as it read them.
+  std::optional<RowTimes> rows() const;
   double time(int i) const { return frame(i).stamp; }
   const std::optional<SE3>& truth(int i) const { return frame(i).T_wc; }
 
@@ -61,6 +63,7 @@ class RecordedFrames {
   TrackFrame view_of(int i) const;
 
  private:
+  const Undistorter& lens() const { return stereo_ ? stereo_->left() : *undistorter_; }
   const SequenceFrame& frame(int i) const { return sequence_.frames[chosen_[static_cast<size_t>(i)]]; }
   void load(const FramesOptions& options);
   void give_depth();

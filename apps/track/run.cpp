@@ -103,6 +103,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
                            const std::function<void(int, int, int)>& progress) {
   TrackerOptions how = options.tracker;
   how.masks = how.masks || frames.masks();
+  how.rows = frames.rows();
   AlignerOptions aligner_options;
   std::shared_ptr<const Model> model;
   if (options.model != "classical") {
@@ -189,8 +190,8 @@ std::string to_text(const TrackReport& r) {
   if (r.readout_used != 0) text += fmt::format("shutter    rows taken as read in {:.1f} ms\n", 1000 * r.readout_used);
   const double off = std::abs(r.readout - r.readout_used);
   if (off > kLeastReadout && off > kReadoutSigmas * r.readout_sigma)
-    text += fmt::format("           features say {:.1f} +- {:.1f} ms; --readout auto finds it\n", 1000 * r.readout,
-                        1000 * r.readout_sigma);
+    text += fmt::format("           features say {:.1f} +- {:.1f} ms{}\n", 1000 * r.readout, 1000 * r.readout_sigma,
+                        r.readout_used == 0 ? "; --readout auto looks for it" : "");
   if (!r.live) return text + "truth      none\n";
   for (const auto& [name, e] : {std::pair("live", *r.live), std::pair("adjusted", *r.adjusted)})
     text += fmt::format("{:<10} {}\n", name, to_text(e));

@@ -44,17 +44,16 @@ StereoDepth::StereoDepth(const StereoFile& rig, int width, int height) {
   matcher_ = cv::StereoSGBM::create(0, disparities, kBlock, 8 * p, 32 * p, 1, 31, 10, 100, 2, cv::StereoSGBM::MODE_SGBM_3WAY);
 }
 
-cv::Mat StereoDepth::rectified(const cv::Mat& left) const { return left_->image(left); }
-
 cv::Mat StereoDepth::depth(const cv::Mat& rectified_left, const cv::Mat& right) const {
   cv::Mat disparity;
   matcher_->compute(grey_8bit(rectified_left), grey_8bit(right_->image(right)), disparity);  // sixteenths of a pixel
   cv::Mat depth = cv::Mat::zeros(disparity.size(), CV_32FC1);
+  const cv::Mat& seen = left_->seen();
   const auto fb = static_cast<float>(camera_.fx * baseline_);
   for (int v = 0; v < depth.rows; ++v)
     for (int u = 0; u < depth.cols; ++u) {
       const float d = static_cast<float>(disparity.at<int16_t>(v, u)) / 16;
-      if (d > 0.5f && (seen().empty() || seen().at<uint8_t>(v, u))) depth.at<float>(v, u) = fb / d;
+      if (d > 0.5f && (seen.empty() || seen.at<uint8_t>(v, u))) depth.at<float>(v, u) = fb / d;
     }
   return depth;
 }

@@ -18,12 +18,9 @@ class StereoDepth {
   const SE3& T_left_rectified() const { return T_left_; }  ///< a rotation: camera() to the rig's left camera
   double baseline() const { return baseline_; }            ///< m
 
-  cv::Mat rectified(const cv::Mat& left) const;
+  const Undistorter& left() const { return *left_; }  ///< makes the rectified image of the left one
   /// CV_32FC1 metres of the rectified left image, 0 where there is none. `right` as it was taken.
   cv::Mat depth(const cv::Mat& rectified_left, const cv::Mat& right) const;
-  const cv::Mat& seen() const {
-    return left_->seen();
-  }  ///< CV_8UC1, 255 where the rectified left image shows something; or empty
 
  private:
   Camera camera_;

@@ -2,13 +2,17 @@
 import importlib.util
 import sys
 
+# Module: package of Debian, package of PyPI.
+PACKAGES = {'torch': ('python3-torch', 'torch'), 'numpy': ('python3-numpy', 'numpy'),
+            'cv2': ('python3-opencv', 'opencv-python')}
+
 
 def need(*modules):
     """Ends the program with what to install if one of the modules is not there."""
     missing = [module for module in modules if importlib.util.find_spec(module) is None]
     if not missing:
         return
-    print(f'{sys.argv[0]}: {sys.executable} has no module {", ".join(missing)}. On Debian: apt install python3-torch '
-          f'python3-numpy python3-opencv, then /usr/bin/python3 {" ".join(sys.argv)}; elsewhere, in an environment of yours: '
-          'pip install torch numpy opencv-python', file=sys.stderr)
+    debian, pypi = (' '.join(names) for names in zip(*(PACKAGES.get(module, (module, module)) for module in modules)))
+    print(f'{sys.argv[0]}: {sys.executable} has no module {", ".join(missing)}. On Debian: apt install {debian}, then '
+          f'/usr/bin/python3 {" ".join(sys.argv)}; elsewhere, in an environment of yours: pip install {pypi}', file=sys.stderr)
     sys.exit(2)

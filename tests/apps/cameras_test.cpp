@@ -3,6 +3,8 @@
 #include <opencv2/core.hpp>
 #include <opencv2/core/persistence.hpp>
 
+#include <iclk/align/se3.h>
+
 #include "apps/io/camera_file.h"
 #include "apps/io/distortion.h"
 #include "files.h"
@@ -226,6 +228,7 @@ TEST(Distortion, PointsAndImagesFollowTheFormulas) {
       EXPECT_EQ(nearest_u.at<float>(v, u), std::round(nearest_u.at<float>(v, u))) << "depth must not be interpolated";
       EXPECT_NEAR(nearest_u.at<float>(v, u), source.x(), 0.55) << text;
       EXPECT_NEAR((undistort.point(source) - uv).norm(), 0, 1e-3) << text;
+      EXPECT_LT((undistort.source(uv) - source).norm(), 1e-9) << text;
     }
   }
 }
@@ -243,6 +246,23 @@ TEST(Distortion, WhatWasNotSeenHasNoDepth) {
   const Undistorter folding({150, 150, 159.5, 119.5, 320, 240}, parse_distortion("radtan:-1,0,0,0"));
   EXPECT_EQ(folding.seen().at<uchar>(120, 155 + 130), 0);
   EXPECT_EQ(folding.seen().at<uchar>(120, 155), 255);
+  EXPECT_LT(folding.source({10000, 119.5}).x(), 159.5 + 150 * 0.385) << "beyond the lens's domain, its edge";
+}
+
+TEST(Distortion, ATurnedCameraSeesAlongItsOwnAxis) {
+  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  const Eigen::Matrix3d R = SE3::exp((Vector6d() << 0, 0, 0, 0.03, -0.05, 0.1).finished()).R;
+  const Undistorter turned(camera, {}, camera, R);
+  // A plane, n X = 1, seen by the camera and by the turned one.
+  const Eigen::Vector3d n(0.05, -0.1, 0.5), n_turned = R * n;
+  cv::Mat depth(240, 320, CV_32FC1);
+  for (int v = 0; v < 240; ++v)
+    for (int u = 0; u < 320; ++u) depth.at<float>(v, u) = static_cast<float>(1 / n.dot(camera.ray({u, v})));
+  const cv::Mat out = turned.depth(depth);
+  for (const Eigen::Vector2d& uv : {Eigen::Vector2d(60, 50), Eigen::Vector2d(160, 120), Eigen::Vector2d(260, 190)}) {
+    const float z = out.at<float>(static_cast<int>(uv.y()), static_cast<int>(uv.x()));
+    EXPECT_NEAR(z, 1 / n_turned.dot(camera.ray(uv)), 1e-3) << "half a pixel of slope";
+  }
 }
 
 TEST(Distortion, NoneTouchesNothing) {

@@ -148,7 +148,7 @@ TEST(Flights, ARollingShutterIsWhatTrackUnrolls) {
                    "--camera", "280,280,159.5,119.5"}));
   const auto error = [&](const char* readout) {
     const std::string said = run({"track", out, "--depth-sigma", "0.1%", "--count", "100", "--readout", readout});
-    EXPECT_EQ(said.find("--readout auto finds it") != std::string::npos, std::string(readout) == "0") << said;
+    EXPECT_EQ(said.find("--readout auto looks for it") != std::string::npos, std::string(readout) == "0") << said;
     return number_after(said.substr(said.find("adjusted")), "), ");  // % of the way
   };
   const double right = error("50"), wrong = error("0");
@@ -203,6 +203,10 @@ TEST(Flights, OfARigWithLensesAndARollingShutterAreTracked) {
     EXPECT_NE(said.find("29 tracked, 0 of them not confirmed by features, 0 lost"), std::string::npos) << said;
     EXPECT_LT(number_after(said.substr(said.find("adjusted")), "), "), 0.6) << said;  // % of the way
   }
+  // The renderer's depth of the left camera in the place of the rig's.
+  const std::string said = run({"track", out, "--readout", "30", "--depth", out + "/depth", "--depth-sigma", "rendered"});
+  EXPECT_NE(said.find("29 tracked, 0 of them not confirmed by features, 0 lost"), std::string::npos) << said;
+  EXPECT_LT(number_after(said.substr(said.find("adjusted")), "), "), 0.3) << said;
 }
 
 TEST(Rigs, AShockIsFoundByStereo) {

@@ -43,17 +43,23 @@ def plain(x: object) -> object:
     return np.where(np.isnan(x), None, x).tolist()
 
 
+def close(x: object, y: object) -> bool:
+    """Structure's covariances come of factorisations that Ceres has from SuiteSparse in the command, but not in the wheel."""
+    return np.allclose(np.array(plain(x), float), np.array(y, float), rtol=1e-9, atol=0, equal_nan=True)
+
+
 def same(r: iclk.Alignment, j: dict) -> None:
     assert (r.status, r.reason, r.model, r.refined) == (j["status"], j["reason"], j["model"], j["refined"])
     assert r.T_10.tolist() == j["T_10"]
-    assert plain(r.covariance) == j["covariance"]
+    exact = "inverse_depth_sigma" not in j["features"][0]
+    assert plain(r.covariance) == j["covariance"] if exact else close(r.covariance, j["covariance"])
     assert [list(x) for x in plain(r.uv)] == [[f["u1"], f["v1"]] for f in j["features"]]
     assert list(r.feature_status) == [f["status"] for f in j["features"]]
     assert r.inverse_depth.tolist() == [f["inverse_depth"] for f in j["features"]]
     if "covariance" in j["features"][0]:
         assert plain(r.uv_covariance) == [f["covariance"] for f in j["features"]]
-    if "inverse_depth_sigma" in j["features"][0]:
-        assert plain(r.inverse_depth_sigma) == [f["inverse_depth_sigma"] for f in j["features"]]
+    if not exact:
+        assert close(r.inverse_depth_sigma, [f["inverse_depth_sigma"] for f in j["features"]])
     for key in ("gain", "bias", "visible_fraction", "correlation", "agreement"):
         assert getattr(r, key) == j[key], key
     assert (r.turn is None) == (j["turn"] is None)

@@ -15,17 +15,18 @@ namespace iclk::test {
 namespace {
 
 /// Features of a reference that turned by turn_0 while its rows were read, in a target that turned by turn_1.
-std::vector<RollingSighting> sightings_of(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& turn_0,
-                                          const Eigen::Vector3d& turn_1, double noise, std::mt19937_64& random) {
+std::vector<RollingSighting> sightings_of(const Camera& camera, const RowTimes& rows, const SE3& T_10,
+                                          const Eigen::Vector3d& turn_0, const Eigen::Vector3d& turn_1, double noise,
+                                          std::mt19937_64& random) {
   std::uniform_real_distribution<double> u(20, 300), v(20, 220), q(0.1, 0.5);
   std::normal_distribution<double> normal;
   std::vector<RollingSighting> out;
   while (out.size() < 80) {
     RollingSighting s{{u(random), v(random)}, {}, q(random)};
-    const Eigen::Vector3d X = rotation(turn_0 * row_time(camera, s.uv0.y())) * camera.ray(s.uv0);
+    const Eigen::Vector3d X = rotation(turn_0 * rows.at(s.uv0)) * camera.ray(s.uv0);
     const Eigen::Vector3d p = T_10.R * X + s.inverse_depth * T_10.t;
     s.uv1 = camera.project(p);
-    for (int i = 0; i < 20; ++i) s.uv1 = camera.project(rotation(-turn_1 * row_time(camera, s.uv1.y())) * p);
+    for (int i = 0; i < 20; ++i) s.uv1 = camera.project(rotation(-turn_1 * rows.at(s.uv1)) * p);
     s.uv1 += noise * Eigen::Vector2d(normal(random), normal(random));
     out.push_back(s);
   }
@@ -34,35 +35,51 @@ std::vector<RollingSighting> sightings_of(const Camera& camera, const SE3& T_10,
 
 TEST(RollingShutter, TurnsAreSeenInFeatures) {
   const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  const RowTimes rows(camera);
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
   const SE3 T_10 = SE3::exp((Vector6d() << 0.1, -0.05, 0.2, 0.03, -0.02, 0.04).finished());
   const Eigen::Vector3d turn_0(0.01, -0.02, 0.005), turn_1(-0.03, 0.02, 0.04);
   // From a pose that is off, as it is where the bend was taken for motion.
   const SE3 start = T_10 * SE3::exp((Vector6d() << 0.02, 0.01, -0.02, 0.004, -0.003, 0.005).finished());
-  const auto exact = sightings_of(camera, T_10, turn_0, turn_1, 0, random);
-  const auto found = estimate_turn(camera, start, turn_0, exact, 0.1, 1);
+  const auto exact = sightings_of(camera, rows, T_10, turn_0, turn_1, 0, random);
+  const auto found = estimate_turn(camera, rows, start, turn_0, exact, 0.1, 1);
   ASSERT_TRUE(found);
   EXPECT_LT((found->turn - turn_1).norm(), 1e-5);
-  EXPECT_GT((estimate_turn(camera, start, Eigen::Vector3d::Zero(), exact, 0.1, 1)->turn - turn_1).norm(), 5e-3);
+  EXPECT_GT((estimate_turn(camera, rows, start, Eigen::Vector3d::Zero(), exact, 0.1, 1)->turn - turn_1).norm(), 5e-3);
 
   double nees = 0;
   constexpr int kDraws = 100;
   for (int draw = 0; draw < kDraws; ++draw) {
-    const auto noisy = sightings_of(camera, T_10, turn_0, turn_1, 0.3, random);
-    const auto one = estimate_turn(camera, start, turn_0, noisy, 0.3, 1);
+    const auto noisy = sightings_of(camera, rows, T_10, turn_0, turn_1, 0.3, random);
+    const auto one = estimate_turn(camera, rows, start, turn_0, noisy, 0.3, 1);
     ASSERT_TRUE(one);
     const Eigen::Vector3d e = one->turn - turn_1;
     nees += e.dot(one->covariance.llt().solve(e)) / kDraws;
   }
   EXPECT_NEAR(nees, 3, 1);
 
-  auto outliers = sightings_of(camera, T_10, turn_0, turn_1, 0.3, random);
+  auto outliers = sightings_of(camera, rows, T_10, turn_0, turn_1, 0.3, random);
   for (size_t i = 0; i < 12; ++i) outliers[i].uv1 += Eigen::Vector2d(15, -20);
-  EXPECT_LT((estimate_turn(camera, start, turn_0, outliers, 0.3, 1)->turn - turn_1).norm(), 0.01);
+  EXPECT_LT((estimate_turn(camera, rows, start, turn_0, outliers, 0.3, 1)->turn - turn_1).norm(), 0.01);
   // A prior that knows better holds it; too few features say nothing.
-  EXPECT_LT(estimate_turn(camera, start, turn_0, outliers, 0.3, 1e-6)->turn.norm(), 1e-3);
-  EXPECT_FALSE(estimate_turn(camera, start, turn_0, std::span(exact).first(14), 0.3, 1));
+  EXPECT_LT(estimate_turn(camera, rows, start, turn_0, outliers, 0.3, 1e-6)->turn.norm(), 1e-3);
+  EXPECT_FALSE(estimate_turn(camera, rows, start, turn_0, std::span(exact).first(14), 0.3, 1));
+}
+
+TEST(RollingShutter, TurnsAreSeenInFeaturesOfAnImageWhoseLensWasUndone) {
+  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  const RowTimes plain(camera), rows(camera, [&](const Eigen::Vector2d&uv) {
+    return 0.9 * row_time(camera, uv.y()) + 4e-4 * (uv.x() - camera.cx);  // rows that lie aslant
+  });
+  std::mt19937_64 random(3);
+  const SE3 T_10 = SE3::exp((Vector6d() << 0.1, -0.05, 0.2, 0.03, -0.02, 0.04).finished());
+  const Eigen::Vector3d turn_0(0.01, -0.02, 0.005), turn_1(-0.03, 0.02, 0.04);
+  const auto exact = sightings_of(camera, rows, T_10, turn_0, turn_1, 0, random);
+  const auto found = estimate_turn(camera, rows, T_10, turn_0, exact, 0.1, 1);
+  ASSERT_TRUE(found);
+  EXPECT_LT((found->turn - turn_1).norm(), 1e-5);
+  EXPECT_GT((estimate_turn(camera, plain, T_10, turn_0, exact, 0.1, 1)->turn - turn_1).norm(), 2e-3);
 }
 
 TEST(RollingShutter, PairIsStraightenedWhereItsFeaturesProveTheBend) {

@@ -28,10 +28,11 @@ struct Sphere {
   Camera camera{300, 300, 159.5, 119.5, 320, 240};
   std::vector<float> image, depth;
 
-  explicit Sphere(const Eigen::Vector3d& turn) : image(320 * 240), depth(image.size()) {
+  explicit Sphere(const Eigen::Vector3d& turn) : Sphere(turn, RowTimes({300, 300, 159.5, 119.5, 320, 240})) {}
+  Sphere(const Eigen::Vector3d& turn, const RowTimes& rows) : image(320 * 240), depth(image.size()) {
     for (int v = 0; v < 240; ++v)
       for (int u = 0; u < 320; ++u) {
-        const Eigen::Vector3d ray = camera.ray({u, v}), X = rotation(turn * row_time(camera, v)) * ray;
+        const Eigen::Vector3d ray = camera.ray({u, v}), X = rotation(turn * rows.at({u, v})) * ray;
         const size_t at = static_cast<size_t>(v * 320 + u);
         image[at] = static_cast<float>(0.5 + 0.2 * std::sin(25 * X.x() / X.z()) + 0.2 * std::cos(31 * X.y() / X.z()));
         depth[at] = static_cast<float>(5 / ray.norm());
@@ -46,7 +47,7 @@ TEST(RollingShutter, ImageAndDepthAreAsOfACameraThatStandsStill) {
   const Eigen::Vector3d turn(0.05, -0.04, 0.06);
   const Sphere still(Eigen::Vector3d::Zero()), rolling(turn);
   FramePixels out;
-  unroll(rolling.frame(), rolling.camera, turn, out);
+  unroll(rolling.frame(), rolling.camera, RowTimes(rolling.camera), turn, out);
   EXPECT_EQ(out.time, 1.5);
   ASSERT_EQ(out.format, PixelFormat::r32f);
   const auto* image = reinterpret_cast<const float*>(out.image.data());
@@ -71,10 +72,42 @@ TEST(RollingShutter, ImageAndDepthAreAsOfACameraThatStandsStill) {
   for (size_t i = 0; i < bytes.size(); ++i) bytes[i] = static_cast<uint8_t>(255 * still.image[i]);
   mask[0] = 0;
   unroll({0, {bytes.data(), 320, 240, 0, PixelFormat::r8}, {}, {mask.data(), 320, 240, 0, PixelFormat::r8}}, still.camera,
-         Eigen::Vector3d::Zero(), out);
+         RowTimes(still.camera), Eigen::Vector3d::Zero(), out);
   EXPECT_EQ(out.image, bytes);
   EXPECT_EQ(out.mask, mask);
   EXPECT_TRUE(out.depth.empty());
+}
+
+TEST(RollingShutter, RowsOfAnImageWhoseLensWasUndoneAreTheCameras) {
+  const Eigen::Vector3d turn(0.05, -0.04, 0.06);
+  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  // A lens that bends rows by up to 12 px at the corners.
+  const auto time = [&](const Eigen::Vector2d& uv) {
+    const double x = (uv.x() - camera.cx) / camera.fx, y = (uv.y() - camera.cy) / camera.fy;
+    return std::clamp(row_time(camera, camera.cy + camera.fy * y * (1 - 0.23 * (x * x + y * y))), -0.5, 0.5);
+  };
+  const RowTimes rows(camera, time), plain(camera);
+  double off = 0, bent = 0;
+  for (int v = 0; v < 240; ++v)
+    for (int u = 0; u < 320; ++u) {
+      off = std::max(off, std::abs(rows.at({u, v}) - time({u, v})));
+      bent = std::max(bent, std::abs(rows.at({u, v}) - plain.at({u, v})));
+    }
+  EXPECT_LT(off, 5e-4) << "an eighth of a row";
+  EXPECT_GT(bent, 0.05);
+  EXPECT_EQ(rows.at({-50, 300}), rows.at({0, 239}));
+
+  const Sphere still(Eigen::Vector3d::Zero()), rolling(turn, rows);
+  const auto mean_error = [&](const RowTimes& how) {
+    FramePixels out;
+    unroll(rolling.frame(), camera, how, turn, out);
+    double sum = 0;
+    for (size_t i = 0; i < still.image.size(); ++i)
+      if (out.mask[i] != 0) sum += std::abs(reinterpret_cast<const float*>(out.image.data())[i] - still.image[i]);
+    return sum / static_cast<double>(still.image.size());
+  };
+  EXPECT_LT(mean_error(rows), 4e-4);
+  EXPECT_GT(mean_error(plain), 2e-3);
 }
 
 TEST(RollingShutter, ReadoutsAreVotedFor) {

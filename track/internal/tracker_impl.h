@@ -77,6 +77,7 @@ struct Tracker::Impl {
   Aligner& aligner;
   Camera camera;
   TrackerOptions options;
+  RowTimes rows;
   Refiner refiner;
   Keyframes keyframes;
   int current = 0;           ///< keyframe that the last frame was aligned with
