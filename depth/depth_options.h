@@ -30,7 +30,7 @@ struct DepthOptions {
   double uniqueness = 0.01;  ///< share by which the second best plane, not beside the best, must be worse
   double tolerance = 3;      ///< planes by which views may disagree with the reference
   bool keep_unseen = false;  ///< what lies outside every view keeps the plane that its neighbours suggest, confidence 0
-  int iterations = 2;        ///< of the refinement between planes; 0: none
+  int iterations = 3;        ///< of the refinement between planes; 0: none
   int speckle = 100;         ///< connected pixels of fewer are dropped; 0: none
   double speckle_step = 1;   ///< planes between connected neighbours, at most
 

@@ -28,6 +28,7 @@ constexpr int kReadoutFrames = 100, kReadoutRounds = 5;
 /// s: readouts are the same to so much, and so little is none.
 constexpr double kSameReadout = 1e-3, kLeastReadout = 2e-3;
 constexpr double kReadoutSigmas = 3;
+constexpr double kMostSlope = 0.8;  ///< of what features say over what is used: steeper, and a step to where they meet is wild
 
 /// What must be the same for a run to be continued.
 std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
@@ -83,16 +84,22 @@ double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
   TrackRunOptions trial = options;
   trial.out.clear();
   trial.most = kReadoutFrames;
-  trial.tracker.readout = 0;
+  double& used = trial.tracker.readout;
+  used = 0;
+  double used_before = 0, found_before = 0;
   for (int round = 0; round < kReadoutRounds; ++round) {
     const TrackReport report = track_sequence(trial, frames, progress);
     const double found = report.readout;
     if (!(report.readout_sigma * kReadoutSigmas < std::abs(found)) || std::abs(found) < kLeastReadout) return 0;
-    const bool same = std::abs(found - trial.tracker.readout) < std::max(kSameReadout, report.readout_sigma);
-    trial.tracker.readout = found;
-    if (same) break;
+    if (std::abs(found - used) < std::max(kSameReadout, report.readout_sigma)) return found;
+    // Where too short a readout is used, features say half of what is missing: on, to where both meet by the last two rounds.
+    const double slope = round > 0 ? (found - found_before) / (used - used_before) : 0;
+    const double step = (found - used) / (1 - std::clamp(slope, 0.0, kMostSlope));
+    used_before = used;
+    found_before = found;
+    used += step;
   }
-  return trial.tracker.readout;
+  return used;
 }
 
 TrackErrors track_errors(std::span<const PosePair> poses) {
