@@ -207,7 +207,7 @@ void DeviceRefiner::record(Recording& base, VkCommandBuffer commands, std::span<
     m.pose.round(recorder, r->ids, r->memory, *maps.references, n);
   }
   m.pose.unbend(recorder, r->ids, r->memory, *maps.references, n);
-  m.pose.verdict(recorder, r->ids, r->memory, *maps.references, iclk, n);
+  m.pose.verdict(recorder, r->ids, r->memory, *maps.references, n);
   if (r->ids.refined_read) {
     recorder.copy(*at(r->ids.refined), *at(*r->ids.refined_read), sizeof(shaders::RefinedInfo) * n);
     recorder.copy(*at(r->ids.aligned), *at(*r->ids.aligned_read), sizeof(shaders::AlignedInfo) * n * r->max_features);

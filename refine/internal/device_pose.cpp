@@ -33,7 +33,7 @@ DevicePose::DevicePose(const std::shared_ptr<const engine::Context>& context, co
   constexpr uint32_t bytes = sizeof(shaders::RefinePush);
   start_ = engine::Kernel(context, {"refine_start",
                                     refine_start_comp_spv,
-                                    {storage_read, storage_read, storage_write, storage_write, storage_write},
+                                    {storage_read, storage_read, storage_write, storage_write, storage_write, storage_write},
                                     bytes,
                                     {}});
   // References, pairs, features, where they were found, observations, states, turns; tasks.
@@ -53,7 +53,7 @@ DevicePose::DevicePose(const std::shared_ptr<const engine::Context>& context, co
   verdict_ = engine::Kernel(context, {"refine_verdict",
                                       refine_verdict_comp_spv,
                                       {storage_read, storage_read, storage_read, storage_read, storage_read_write,
-                                       storage_read_write, storage_read, storage_read, storage_write},
+                                       storage_read_write, storage_read, storage_read_write},
                                       bytes,
                                       {}});
   const PoseOptions& pose = options.pose;
@@ -81,8 +81,9 @@ void DevicePose::start(engine::Recorder& recorder, const PoseBuffers& ids, const
   shaders::RefinePush push = push_;
   push.pairs = pairs;
   recorder.stage("pose");
-  recorder.dispatch(start_, {&memory[ids.pairs], &results, &memory[ids.tasks], &memory[ids.states], &memory[ids.turns]}, push,
-                    {engine::groups_for(pairs, ICLK_REFINE_GROUP), 1, 1});
+  recorder.dispatch(
+      start_, {&memory[ids.pairs], &results, &memory[ids.tasks], &memory[ids.states], &memory[ids.turns], &memory[ids.refined]},
+      push, {engine::groups_for(pairs, ICLK_REFINE_GROUP), 1, 1});
 }
 
 void DevicePose::round(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
@@ -108,11 +109,11 @@ void DevicePose::estimate(engine::Recorder& recorder, const engine::Kernel& kern
 }
 
 void DevicePose::verdict(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
-                         const engine::Buffer& references, const engine::Buffer& results, uint32_t pairs) const {
+                         const engine::Buffer& references, uint32_t pairs) const {
   recorder.stage("verdict");
   recorder.dispatch(verdict_,
                     {&references, &memory[ids.pairs], &memory[ids.features], &memory[ids.aligned], &memory[ids.observations],
-                     &memory[ids.states], &memory[ids.turns], &results, &memory[ids.refined]},
+                     &memory[ids.states], &memory[ids.turns], &memory[ids.refined]},
                     push_, {pairs, 1, 1});
 }
 

@@ -34,7 +34,7 @@ class DevicePose {
   void unbend(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
               const engine::Buffer& references, uint32_t pairs) const;
   void verdict(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
-               const engine::Buffer& references, const engine::Buffer& results, uint32_t pairs) const;
+               const engine::Buffer& references, uint32_t pairs) const;
 
   void add_to(engine::ArenaSize& size) const;
 

@@ -1,6 +1,6 @@
 #version 460
 // Refinement begins at the poses that ICLK found: the first tasks of feature alignment.
-// Inputs: pairs, ICLK's results. Outputs: tasks, states, turns of zero. Groups: (ceil(pairs / 64), 1, 1).
+// Inputs: pairs, ICLK's results. Outputs: tasks, states, turns of zero, and as refined what ICLK has. Groups: (ceil(pairs / 64), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "refine/refine.h"
@@ -10,6 +10,7 @@ layout(set = 0, binding = 1, std430) readonly buffer Results { ResultInfo result
 layout(set = 0, binding = 2, std430) writeonly buffer Tasks { FeatureTask tasks[]; };
 layout(set = 0, binding = 3, std430) writeonly buffer States { RefineState states[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Turns { TurnInfo turns[]; };
+layout(set = 0, binding = 5, std430) writeonly buffer Refined { RefinedInfo refined[]; };
 layout(push_constant) uniform Push { RefinePush push; };
 
 void main() {
@@ -22,4 +23,7 @@ void main() {
   states[index] = RefineState(results[index].pose, 0.0, 0.0, 0.0, 0u, 0u, results[index].status, 0u);
   turns[index].turn = float[3](0.0, 0.0, 0.0);
   for (int i = 0; i < 36; ++i) turns[index].doubt[i] = 0.0;
+  refined[index].pose = results[index].pose;
+  refined[index].covariance = results[index].covariance;
+  refined[index].status = results[index].status;
 }

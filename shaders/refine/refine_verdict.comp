@@ -1,12 +1,12 @@
 #version 460
 // The verdict on each pair after the last round, and the covariance of its pose: the decision of refine/refiner.cpp in single
-// precision. Inputs: features, where they were found, states, ICLK's results. Output: one RefinedInfo a pair.
+// precision. Inputs: features, where they were found, states. Input and output: one RefinedInfo a pair, ICLK's result
+// before: a buffer of the results would be the ninth, and small GPUs bind eight.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "refine/observations.glsl"
-layout(set = 0, binding = 7, std430) readonly buffer Results { ResultInfo results[]; };
-layout(set = 0, binding = 8, std430) writeonly buffer Refined { RefinedInfo refined[]; };
+layout(set = 0, binding = 7, std430) buffer Refined { RefinedInfo refined[]; };
 #include "refine/solve.glsl"
 #include "refine/medians.glsl"
 #include "refine/whiten.glsl"
@@ -109,11 +109,11 @@ void main() {
     }
     barrier();
   }
-  uint iclk_status = results[index].status, status = iclk_status, pose_status = state.status;
+  uint iclk_status = refined[index].status, status = iclk_status, pose_status = state.status;
   bool is_refined = false, keeps = false;  // keeps: ICLK's own pose stands, which the features neither confirm nor refute
   vec3 counts = vec3(0.0);
   float sigma = 0.0, moved = 0.0;
-  Pose T = pose_of(state.pose), iclk = scaled(pose_of(results[index].pose), pair.unit);
+  Pose T = pose_of(state.pose), iclk = scaled(pose_of(refined[index].pose), pair.unit);
   if (state.rounds > 0u) {
     counts = counts_at(T);
     if (state.used >= push.min_features) {  // a pose was sought
@@ -144,17 +144,18 @@ void main() {
       depth_covariance(iclk, state.depth_sigma);
     }
   }
-  barrier();
+  memoryBarrierBuffer();
+  barrier();  // all have read ICLK's result
   if (lane < 36u) {
     float share = !is_refined ? 0.0 : bent ? turns[index].pose_share[lane] : turns[index].doubt[lane];
     float part = (shared_part[lane] + share) / ((lane / 6u < 3u ? pair.unit : 1.0) * (lane % 6u < 3u ? pair.unit : 1.0));
     bool own = keeps || state.rounds == 0u;
     refined[index].covariance[lane] =
-        is_refined ? part : (own ? results[index].covariance[lane] : 0.0) + (keeps ? part : 0.0);
+        is_refined ? part : (own ? refined[index].covariance[lane] : 0.0) + (keeps ? part : 0.0);
   }
   if (lane < 12u) {
     float found = state.pose[lane] / (lane % 4u == 3u ? pair.unit : 1.0);
-    refined[index].pose[lane] = is_refined ? found : results[index].pose[lane];
+    refined[index].pose[lane] = is_refined ? found : refined[index].pose[lane];
   }
   if (lane != 0u) return;
   refined[index].status = status;

@@ -109,7 +109,7 @@ std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& o
   pose.round(recorder, ids, memory, host[references], count);
   recorder.copy(memory[ids.tasks], host[tasks], sizeof(shaders::FeatureTask) * n);
   pose.unbend(recorder, ids, memory, host[references], count);
-  pose.verdict(recorder, ids, memory, host[references], host[iclk], count);
+  pose.verdict(recorder, ids, memory, host[references], count);
   recorder.copy(memory[ids.refined], host[refined], sizeof(shaders::RefinedInfo) * n);
   recorder.copy(memory[ids.states], host[states], sizeof(shaders::RefineState) * n);
   recorder.host_read({&host[refined], &host[states], &host[tasks]});
@@ -348,8 +348,8 @@ TEST(DevicePose, UnconfirmedPosesKeepIclksCovarianceAndThatOfTheDepths) {
   EXPECT_EQ(o.info.status, static_cast<uint32_t>(Status::converged));
   EXPECT_EQ(o.info.refined, 0u);
   const Matrix6d expected =
-      c.iclk_covariance + internal::depth_covariance(c.camera, c.features, check_features(c.features, c.camera), c.T_10, 0,
-                                                     ICLK_MAP_SIGMA);
+      c.iclk_covariance +
+      internal::depth_covariance(c.camera, c.features, check_features(c.features, c.camera), c.T_10, 0, ICLK_MAP_SIGMA);
   EXPECT_GT(difference(expected, c.iclk_covariance), 0.1);
   EXPECT_LT(difference(expected, o.covariance), 0.02);
 }
