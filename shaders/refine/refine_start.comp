@@ -1,6 +1,7 @@
 #version 460
 // Refinement begins at the poses that ICLK found: the first tasks of feature alignment.
-// Inputs: pairs, ICLK's results. Outputs: tasks, states, turns of zero, and as refined what ICLK has. Groups: (ceil(pairs / 64), 1, 1).
+// Inputs: pairs, ICLK's results. Outputs: tasks, states, turns of zero, and as refined what ICLK has.
+// Groups: (ceil(pairs / 64), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "refine/refine.h"
