@@ -63,6 +63,8 @@ class OtherDevices : public testing::TestWithParam<Setting> {
 };
 
 TEST_P(OtherDevices, ThatReadStorageBuffersGiveTheSameAnswer) {
+  // requirements() asks for them where texel buffers are small.
+  if (device()->limits().maxPerStageDescriptorStorageBuffers < 11) GTEST_SKIP() << "a device that reads texel buffers alone";
   const auto context = storage_context();
   const double tolerance = GetParam().precision == Precision::fp16 ? 1e-4 : 1e-5;
   for (const Solver solver : {Solver::host, Solver::device}) {
