@@ -51,8 +51,9 @@ RowTimes::RowTimes(const Camera& camera, const std::function<double(const Eigen:
 
 double RowTimes::at(const Eigen::Vector2d& uv) const {
   if (nodes_.empty()) return row_time(camera_, uv.y());
-  const double x = std::clamp(uv.x(), 0.0, camera_.width - 1.0) / kCell,
-               y = std::clamp(uv.y(), 0.0, camera_.height - 1.0) / kCell;
+  // Of NaN, the first pixel.
+  const double x = std::max(0.0, std::min(uv.x(), camera_.width - 1.0)) / kCell;
+  const double y = std::max(0.0, std::min(uv.y(), camera_.height - 1.0)) / kCell;
   const auto i = static_cast<size_t>(x), j = static_cast<size_t>(y);
   const double a = x - static_cast<double>(i), b = y - static_cast<double>(j);
   const double* above = &nodes_[j * static_cast<size_t>(columns_) + i];

@@ -27,6 +27,7 @@ constexpr int kRelativeFrames = 30;
 constexpr int kReadoutFrames = 100, kReadoutRounds = 5;
 /// s: readouts are the same to so much, and so little is none.
 constexpr double kSameReadout = 1e-3, kLeastReadout = 2e-3;
+constexpr double kMostReadout = 0.1;  ///< s: ReadoutEstimate knows no longer ones
 constexpr double kReadoutSigmas = 3;
 constexpr double kMostSlope = 0.8;  ///< of what features say over what is used: steeper, and a step to where they meet is wild
 
@@ -97,7 +98,7 @@ double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
     const double step = (found - used) / (1 - std::clamp(slope, 0.0, kMostSlope));
     used_before = used;
     found_before = found;
-    used += step;
+    used = std::clamp(used + step, -kMostReadout, kMostReadout);
   }
   return used;
 }

@@ -96,6 +96,7 @@ TEST(RollingShutter, RowsOfAnImageWhoseLensWasUndoneAreTheCameras) {
   EXPECT_LT(off, 5e-4) << "an eighth of a row";
   EXPECT_GT(bent, 0.05);
   EXPECT_EQ(rows.at({-50, 300}), rows.at({0, 239}));
+  EXPECT_EQ(rows.at({NAN, NAN}), rows.at({0, 0}));
 
   const Sphere still(Eigen::Vector3d::Zero()), rolling(turn, rows);
   const auto mean_error = [&](const RowTimes& how) {
