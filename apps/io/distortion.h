@@ -39,7 +39,6 @@ class Undistorter {
   Eigen::Vector2d point(const Eigen::Vector2d& uv) const;
   /// Where the camera's image has what the undistorted one has at uv; beyond the lens's domain, its edge.
   Eigen::Vector2d source(const Eigen::Vector2d& uv) const;
-  bool remaps() const { return !identity_; }
   /// CV_8UC1, 255 where the undistorted pixel was really seen. Empty where nothing is remapped.
   const cv::Mat& seen() const { return seen_; }
 

@@ -93,7 +93,7 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
 }
 
 std::optional<RowTimes> RecordedFrames::rows() const {
-  if (!lens().remaps()) return {};
+  if (!masks()) return {};  // nothing is resampled
   const double last = camera_.height - 1;  // the camera's own image is as large
   return RowTimes(camera_,
                   [&](const Eigen::Vector2d& uv) { return row_time(camera_, std::clamp(lens().source(uv).y(), 0.0, last)); });
