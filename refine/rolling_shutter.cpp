@@ -104,10 +104,13 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const RowTimes& 
       const Eigen::Vector3d p = seen(rows, T, out.turn, ray, s);
       if (!(p.z() > kLeastZ)) continue;
       const Eigen::Matrix<double, 2, 3> J = camera.project_jacobian(p);
-      const Eigen::Vector2d r = (s.uv1 - camera.project(p)) / sigma;
+      // What is wrong in a depth moves the feature along its epipolar line, as a turn would.
+      const Eigen::Vector2d moved = s.inverse_depth_sigma * (J * R * T.t);
+      const Eigen::LLT<Eigen::Matrix2d> noise(sigma * sigma * Eigen::Matrix2d::Identity() + moved * moved.transpose());
       Eigen::Matrix<double, 2, 9> A;  // [rho, phi] of the pose, turn
       A << J * R * T.R * q, -J * R * T.R * hat(ray), at * J * hat(p);
-      A /= sigma;
+      noise.matrixL().solveInPlace(A);
+      const Eigen::Vector2d r = noise.matrixL().solve(s.uv1 - camera.project(p));
       const double w = 1 / (1 + r.squaredNorm() / (ICLK_TURN_CAUCHY * ICLK_TURN_CAUCHY));
       H += w * A.transpose() * A;
       b += w * A.transpose() * r;

@@ -38,6 +38,7 @@ class RowTimes {
 struct RollingSighting {
   Eigen::Vector2d uv0, uv1;
   double inverse_depth = 0;
+  double inverse_depth_sigma = 0;  ///< standard deviation; along the epipolar line the sighting says less by it
 };
 
 /// How far a camera turned while its rows were read, by how that bends the image, as no pose does.

@@ -15,6 +15,12 @@ namespace {
 constexpr int kCell = 16;
 constexpr int kRounds = 3;  // row of the source and the camera's turn at that row, in turns
 constexpr double kLeastZ = 1e-3;
+/// Changes of a camera's rate: that are counted, that tell something, and the least that is believed. rad/s.
+constexpr int kChanges = 30, kLeastChanges = 3;
+constexpr double kLeastChange = 0.01;
+/// rad/s: how far a hand turns a camera otherwise than the frame before let it be.
+constexpr double kHandSigma = 1;
+
 /// A camera that turns slower says nothing of its readout. rad/s.
 constexpr double kLeastRate = 0.2;
 /// rad: what is wrong in turns besides the positions.
@@ -130,6 +136,22 @@ void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows,
     }
   }
 }
+
+TurnRate TurnRate::with(const Eigen::Vector3d& other, const Eigen::Matrix3d& covariance) const {
+  const Eigen::Matrix3d W = covariance.inverse(), sum = (W + Eigen::Matrix3d::Identity() / (sigma * sigma)).inverse();
+  return {sum * (W * other + rate / (sigma * sigma)), std::sqrt(sum.trace() / 3)};
+}
+
+void RateChanges::add(const Eigen::Vector3d& rate) {
+  if (follows_) {
+    count_ = std::min(count_ + 1, kChanges);
+    square_ += ((rate - last_).squaredNorm() / 3 - square_) / count_;
+  }
+  last_ = rate;
+  follows_ = true;
+}
+
+double RateChanges::sigma() const { return count_ < kLeastChanges ? kHandSigma : std::max(std::sqrt(square_), kLeastChange); }
 
 ReadoutEstimate::ReadoutEstimate() : votes_(static_cast<size_t>(2 * kVotes)) {}
 

@@ -16,6 +16,35 @@ namespace iclk {
 /// and mask: nearest. Where the source has nothing the mask is 0; without one in `frame`, so it is made.
 void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn, FramePixels& out);
 
+/// How fast a camera turns: rad/s, in its axes, `sigma` an axis.
+struct TurnRate {
+  Eigen::Vector3d rate = Eigen::Vector3d::Zero();
+  double sigma = 0;
+
+  /// Taken together with another estimate that is independent of it.
+  TurnRate with(const Eigen::Vector3d& other, const Eigen::Matrix3d& covariance) const;
+};
+
+/// How much the rate of turning changes from one step between frames to the next: so far is the rate at a frame from that of
+/// the step before it. Of the last steps, a few dozen.
+class RateChanges {
+ public:
+  void add(const Eigen::Vector3d& rate);  ///< of the next step, rad/s
+  void interrupt() { follows_ = false; }  ///< the next step does not follow the last
+  double sigma() const;                   ///< rad/s an axis; for too few that of a camera in a hand
+  /// Calls f(value...) with all that it knows, to be kept or set.
+  template <class F>
+  void archive(const F& f) {
+    f(last_, follows_, square_, count_);
+  }
+
+ private:
+  Eigen::Vector3d last_ = Eigen::Vector3d::Zero();
+  bool follows_ = false;
+  double square_ = 0;
+  int count_ = 0;
+};
+
 /// How long the readout takes: turns while rows are read, over how fast the camera turned from frame to frame. Frames vote, so
 /// that bad ones do not matter; memory does not grow.
 class ReadoutEstimate {

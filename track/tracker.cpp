@@ -110,7 +110,8 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   if (features.size() < 2 * options.min_inliers) return false;
   Keyframe& k = keyframes.add(frame.time, T_WC);
   k.sharpness = sharpness(grey);
-  k.turn = turned ? Eigen::Vector3d(turned->turn - rate * options.readout) : Eigen::Vector3d::Zero();
+  k.turn = bent.turn;
+  k.turn_sigma = bent.sigma;
   k.origin = origin;
   k.with_depth = 2 * measured >= features.size();
   k.features = std::move(features);
@@ -149,9 +150,11 @@ void Tracker::Impl::lose() {
   velocity.reset();
   turned.reset();
   rate.setZero();
+  rate_changes.interrupt();
 }
 
 void Tracker::Impl::begin(const TrackFrame& frame, TrackResult& result) {
+  bent = {};  // whatever it is bent by, the others are seen in relation to it
   if (!make_keyframe(frame, {}, {}, result)) {
     result.reason = "no frame with depth and texture yet";
     return;
@@ -236,7 +239,7 @@ TrackResult Tracker::track(const TrackFrame& given) {
   result.inliers = a.inliers;
   result.sigma = a.sigma;
 
-  m.learn_readout(*found, frame.time, result.T_WC);
+  m.learn_turn(*found, frame.time, result.T_WC);
   const Keyframe::Origin origin{k.id, a.T_10, found->confirmed, a.covariance};
   const Overlap seen = overlap(m.camera, k, result.T_WC);
   const bool little = seen.visible < kLittleVisible;

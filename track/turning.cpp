@@ -12,8 +12,6 @@ constexpr int kAgain = 2;
 /// Steps between poses say how fast a camera turns only so far apart.
 constexpr double kLongestStep = 0.25;  // s
 constexpr double kLeastSigma = 0.1;    // px
-/// rad/s: how far a hand turns a camera otherwise than the frame before let it be.
-constexpr double kRateSigma = 1;
 /// rad: so far at most may a camera turn that nothing is known of.
 constexpr double kTurnSigma = 0.1;
 
@@ -25,31 +23,43 @@ TrackFrame Tracker::Impl::unrolled(const TrackFrame& frame, const Eigen::Vector3
   return flat.frame(camera);
 }
 
-Eigen::Vector3d Tracker::Impl::rate_at(double time, const SE3& T_WC) const {
+std::optional<Eigen::Vector3d> Tracker::Impl::step_rate(double time, const SE3& T_WC) const {
   const double seconds = time - last->time;
-  if (seconds > kLongestStep) return Eigen::Vector3d::Zero();
-  return (last->T_WC.inverse() * T_WC).log().tail<3>() / seconds;
+  if (lost || seconds > kLongestStep) return {};
+  return Eigen::Vector3d((last->T_WC.inverse() * T_WC).log().tail<3>() / seconds);
 }
 
-std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found, double prior_sigma) const {
+std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found) const {
   const Keyframe& k = keyframes.all().at(found.keyframe);
   const RefinedAlignment& a = found.alignment;
+  const std::vector<double>& sigma = k.features.inverse_depth_sigma;
   std::vector<RollingSighting> sightings;
   for (size_t i = 0; i < a.features.size(); ++i)
     if (a.features[i].status == FeatureStatus::aligned)
-      sightings.push_back({k.features.uv[i], a.features[i].uv1, k.features.inverse_depth[i]});
-  return estimate_turn(camera, rows, a.T_10, k.turn, sightings, std::max(a.sigma, kLeastSigma), prior_sigma);
+      sightings.push_back({k.features.uv[i], a.features[i].uv1, k.features.inverse_depth[i], i < sigma.size() ? sigma[i] : 0});
+  return estimate_turn(camera, rows, a.T_10, k.turn, sightings, std::max(a.sigma, kLeastSigma), kTurnSigma);
 }
 
-/// The image knows best how fast the camera turned while it was taken; where no features were found, the step before does.
+/// A turn is seen in relation to the keyframe's. Without the step, turns that are a little wrong would add up from one keyframe
+/// to the next.
+TurnRate Tracker::Impl::rate_at(double time, const SE3& T_WC, const Found& found,
+                                const std::optional<TurnEstimate>& seen) const {
+  const auto step = step_rate(time, T_WC);
+  const TurnRate by_step{step.value_or(Eigen::Vector3d::Zero()), step ? rate_changes.sigma() : RateChanges().sigma()};
+  if (!seen) return by_step;
+  const double turn_0 = keyframes.all().at(found.keyframe).turn_sigma;
+  const Eigen::Matrix3d covariance = seen->covariance + turn_0 * turn_0 * Eigen::Matrix3d::Identity();
+  return by_step.with(rate + seen->turn / options.readout, covariance / (options.readout * options.readout));
+}
+
 TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found) {
   TrackFrame out = frame;
   for (int round = 0; round < kAgain; ++round) {
     const Keyframe& k = *keyframes.find(found.keyframe);
     const SE3 T_WC = k.T_WC * found.alignment.T_10.inverse();
-    const auto seen = seen_turn(found, std::abs(options.readout) * kRateSigma);
+    const auto seen = seen_turn(found);
     if (!seen && round > 0) break;
-    const Eigen::Vector3d now = seen ? Eigen::Vector3d(rate + seen->turn / options.readout) : rate_at(frame.time, T_WC);
+    const Eigen::Vector3d now = rate_at(frame.time, T_WC, found, seen).rate;
     const double bend =
         (now - rate).norm() * std::abs(options.readout) / 2 * std::max(std::abs(camera.fx), std::abs(camera.fy));
     if (bend < kBend) break;
@@ -64,18 +74,26 @@ TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame
   return out;
 }
 
-void Tracker::Impl::learn_readout(const Found& found, double time, const SE3& T_WC) {
-  const bool step = !lost && time - last->time < kLongestStep;
+void Tracker::Impl::learn_turn(const Found& found, double time, const SE3& T_WC) {
+  const auto step = step_rate(time, T_WC);
   if (step && turned && turned->time == last->time)
     readout.add(turned->turn, turned->sigma,
                 (turned->T_WC_before.inverse() * T_WC).log().tail<3>() / (time - turned->time_before));
   turned.reset();
+  const auto seen = found.confirmed ? seen_turn(found) : std::nullopt;
+  if (rolls()) {
+    const TurnRate now = rate_at(time, T_WC, found, seen);
+    bent = {(now.rate - rate) * options.readout, now.sigma * std::abs(options.readout)};
+  } else {
+    bent = {seen && step ? seen->turn : Eigen::Vector3d::Zero(), 0};
+  }
   if (!step) {
+    rate_changes.interrupt();
     rate.setZero();
     return;
   }
+  rate_changes.add(*step);
   if (!rolls()) rate.setZero();
-  const auto seen = found.confirmed ? seen_turn(found, kTurnSigma) : std::nullopt;
   if (seen)
     turned = Turned{time, last->time, last->T_WC, seen->turn + rate * options.readout, std::sqrt(seen->covariance.trace() / 3)};
 }

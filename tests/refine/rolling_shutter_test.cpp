@@ -67,6 +67,36 @@ TEST(RollingShutter, TurnsAreSeenInFeatures) {
   EXPECT_FALSE(estimate_turn(camera, rows, start, turn_0, std::span(exact).first(14), 0.3, 1));
 }
 
+TEST(RollingShutter, WhatIsWrongInDepthsIsAllowedFor) {
+  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  const RowTimes rows(camera);
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const SE3 T_10 = SE3::exp((Vector6d() << 0.3, -0.15, 0.2, 0.03, -0.02, 0.04).finished());
+  const Eigen::Vector3d turn(-0.03, 0.02, 0.04);
+  double nees = 0, trusting = 0, error = 0, trusting_error = 0;
+  constexpr int kDraws = 100;
+  for (int draw = 0; draw < kDraws; ++draw) {
+    auto coarse = sightings_of(camera, rows, T_10, Eigen::Vector3d::Zero(), turn, 0.1, random);
+    for (size_t i = 0; i < coarse.size(); ++i) {
+      coarse[i].inverse_depth_sigma = i % 2 == 0 ? 0.03 : 0.003;
+      coarse[i].inverse_depth += coarse[i].inverse_depth_sigma * normal(random);
+    }
+    const auto found = estimate_turn(camera, rows, T_10, Eigen::Vector3d::Zero(), coarse, 0.1, 1);
+    for (RollingSighting& s : coarse) s.inverse_depth_sigma = 0;
+    const auto without = estimate_turn(camera, rows, T_10, Eigen::Vector3d::Zero(), coarse, 0.1, 1);
+    ASSERT_TRUE(found && without);
+    const Eigen::Vector3d e = found->turn - turn, e_without = without->turn - turn;
+    nees += e.dot(found->covariance.llt().solve(e)) / kDraws;
+    trusting += e_without.dot(without->covariance.llt().solve(e_without)) / kDraws;
+    error += e.norm() / kDraws;
+    trusting_error += e_without.norm() / kDraws;
+  }
+  EXPECT_NEAR(nees, 3, 1);
+  EXPECT_GT(trusting, 6);
+  EXPECT_LT(error, 0.8 * trusting_error);
+}
+
 TEST(RollingShutter, TurnsAreSeenInFeaturesOfAnImageWhoseLensWasUndone) {
   const Camera camera{300, 300, 159.5, 119.5, 320, 240};
   const RowTimes plain(camera), rows(camera, [&](const Eigen::Vector2d&uv) {

@@ -42,10 +42,13 @@ struct Tracker::Impl {
   // turning.cpp
   bool rolls() const { return options.readout != 0; }
   TrackFrame unrolled(const TrackFrame& frame, const Eigen::Vector3d& with);
-  Eigen::Vector3d rate_at(double time, const SE3& T_WC) const;
-  std::optional<TurnEstimate> seen_turn(const Found& found, double prior_sigma) const;
+  /// By the step from the last frame; nothing where that is too long ago.
+  std::optional<Eigen::Vector3d> step_rate(double time, const SE3& T_WC) const;
+  std::optional<TurnEstimate> seen_turn(const Found& found) const;
+  /// By the step and by how the image, unrolled with `rate`, is still bent.
+  TurnRate rate_at(double time, const SE3& T_WC, const Found& found, const std::optional<TurnEstimate>& seen) const;
   TrackFrame unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found);
-  void learn_readout(const Found& found, double time, const SE3& T_WC);
+  void learn_turn(const Found& found, double time, const SE3& T_WC);
 
   // tracker.cpp
   bool can_begin(const TrackFrame& frame) const;
@@ -87,6 +90,13 @@ struct Tracker::Impl {
   std::optional<SE3> velocity;  ///< motion of the camera in velocity_seconds, in its own frame
   double velocity_seconds = 1;
   Eigen::Vector3d rate = Eigen::Vector3d::Zero();  ///< angular velocity at the last frame, rad/s, in its axes
+  RateChanges rate_changes;
+  /// What the last frame's rows are still bent by: Keyframe::turn and its sigma.
+  struct Bent {
+    Eigen::Vector3d turn = Eigen::Vector3d::Zero();
+    double sigma = 0;
+  };
+  Bent bent;
   /// Of the last frame, until the next one tells how fast it turned.
   struct Turned {
     double time = 0, time_before = 0;
