@@ -112,6 +112,7 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   k.sharpness = sharpness(grey);
   k.turn = bent.turn;
   k.turn_sigma = bent.sigma;
+  k.seen_turn = bent.seen;
   k.origin = origin;
   k.with_depth = 2 * measured >= features.size();
   k.features = std::move(features);

@@ -29,7 +29,7 @@ std::optional<Eigen::Vector3d> Tracker::Impl::step_rate(double time, const SE3& 
   return Eigen::Vector3d((last->T_WC.inverse() * T_WC).log().tail<3>() / seconds);
 }
 
-std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found) const {
+std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found, const Eigen::Vector3d& turn_0) const {
   const Keyframe& k = keyframes.all().at(found.keyframe);
   const RefinedAlignment& a = found.alignment;
   const std::vector<double>& sigma = k.features.inverse_depth_sigma;
@@ -37,7 +37,7 @@ std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found) const {
   for (size_t i = 0; i < a.features.size(); ++i)
     if (a.features[i].status == FeatureStatus::aligned)
       sightings.push_back({k.features.uv[i], a.features[i].uv1, k.features.inverse_depth[i], i < sigma.size() ? sigma[i] : 0});
-  return estimate_turn(camera, rows, a.T_10, k.turn, sightings, std::max(a.sigma, kLeastSigma), kTurnSigma);
+  return estimate_turn(camera, rows, a.T_10, turn_0, sightings, std::max(a.sigma, kLeastSigma), kTurnSigma);
 }
 
 /// A turn is seen in relation to the keyframe's. Without the step, turns that are a little wrong would add up from one keyframe
@@ -57,7 +57,7 @@ TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame
   for (int round = 0; round < kAgain; ++round) {
     const Keyframe& k = *keyframes.find(found.keyframe);
     const SE3 T_WC = k.T_WC * found.alignment.T_10.inverse();
-    const auto seen = seen_turn(found);
+    const auto seen = seen_turn(found, k.turn);
     if (!seen && round > 0) break;
     const Eigen::Vector3d now = rate_at(frame.time, T_WC, found, seen).rate;
     const double bend =
@@ -80,13 +80,15 @@ void Tracker::Impl::learn_turn(const Found& found, double time, const SE3& T_WC)
     readout.add(turned->turn, turned->sigma,
                 (turned->T_WC_before.inverse() * T_WC).log().tail<3>() / (time - turned->time_before));
   turned.reset();
-  const auto seen = found.confirmed ? seen_turn(found) : std::nullopt;
+  bent = {};
+  const Keyframe& k = keyframes.all().at(found.keyframe);
   if (rolls()) {
-    const TurnRate now = rate_at(time, T_WC, found, seen);
-    bent = {(now.rate - rate) * options.readout, now.sigma * std::abs(options.readout)};
-  } else {
-    bent = {seen && step ? seen->turn : Eigen::Vector3d::Zero(), 0};
+    const TurnRate now = rate_at(time, T_WC, found, found.confirmed ? seen_turn(found, k.turn) : std::nullopt);
+    bent = {(now.rate - rate) * options.readout, now.sigma * std::abs(options.readout), Eigen::Vector3d::Zero()};
   }
+  // By the step it would be what the readout given lets it be.
+  const auto seen = found.confirmed ? seen_turn(found, k.seen_turn) : std::nullopt;
+  if (seen && step) bent.seen = seen->turn;
   if (!step) {
     rate_changes.interrupt();
     rate.setZero();

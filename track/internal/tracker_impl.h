@@ -44,7 +44,8 @@ struct Tracker::Impl {
   TrackFrame unrolled(const TrackFrame& frame, const Eigen::Vector3d& with);
   /// By the step from the last frame; nothing where that is too long ago.
   std::optional<Eigen::Vector3d> step_rate(double time, const SE3& T_WC) const;
-  std::optional<TurnEstimate> seen_turn(const Found& found) const;
+  /// `turn_0`: the keyframe's.
+  std::optional<TurnEstimate> seen_turn(const Found& found, const Eigen::Vector3d& turn_0) const;
   /// By the step and by how the image, unrolled with `rate`, is still bent.
   TurnRate rate_at(double time, const SE3& T_WC, const Found& found, const std::optional<TurnEstimate>& seen) const;
   TrackFrame unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found);
@@ -91,10 +92,11 @@ struct Tracker::Impl {
   double velocity_seconds = 1;
   Eigen::Vector3d rate = Eigen::Vector3d::Zero();  ///< angular velocity at the last frame, rad/s, in its axes
   RateChanges rate_changes;
-  /// What the last frame's rows are still bent by: Keyframe::turn and its sigma.
+  /// What the last frame's rows are still bent by: Keyframe::turn, its sigma, and seen_turn.
   struct Bent {
     Eigen::Vector3d turn = Eigen::Vector3d::Zero();
     double sigma = 0;
+    Eigen::Vector3d seen = Eigen::Vector3d::Zero();
   };
   Bent bent;
   /// Of the last frame, until the next one tells how fast it turned.
