@@ -36,10 +36,10 @@ struct Keyframe {
   double time = 0;
   double sharpness = 0;
   SE3 T_WC;
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, while its rows were read, beyond what they were unrolled with
-  double turn_sigma = 0;                           ///< of it, an axis
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();       ///< rad, while its rows were read, beyond what they were unrolled with
+  double turn_sigma = 0;                                ///< of it, an axis
   Eigen::Vector3d seen_turn = Eigen::Vector3d::Zero();  ///< the same by images alone, which knows nothing of the readout
-  Features features;                               ///< inverse depths as they are known now
+  Features features;                                    ///< inverse depths as they are known now
   std::vector<double> measured, sigma;  ///< inverse depths as the sensor had them, and their standard deviations; 0: not known
   bool with_depth = false;              ///< a sensor measured most of its features
   /// A place that becomes a feature when its depth is known.

@@ -31,8 +31,9 @@ void archive(Stream& s, Keyframe::Seed& seed) {
 
 template <class Stream>
 void archive(Stream& s, Keyframe& k) {
-  archive_all(s, k.id, k.slot, k.time, k.sharpness, k.T_WC, k.turn, k.turn_sigma, k.seen_turn,
-              k.features.uv, k.features.inverse_depth, k.features.inverse_depth_sigma, k.measured, k.sigma, k.with_depth, k.seeds, k.pixels, k.origin, k.sightings);
+  archive_all(s, k.id, k.slot, k.time, k.sharpness, k.T_WC, k.turn, k.turn_sigma, k.seen_turn, k.features.uv,
+              k.features.inverse_depth, k.features.inverse_depth_sigma, k.measured, k.sigma, k.with_depth, k.seeds, k.pixels,
+              k.origin, k.sightings);
 }
 
 template <class Stream>
@@ -61,7 +62,8 @@ uint64_t checksum(std::span<const uint8_t> bytes) {
 template <class Stream>
 void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, Keyframe>& held, std::vector<SE3>& poses) {
   internal::archive_all(s, held, poses, m.current, m.last, m.previous, m.previous_origin, m.velocity, m.velocity_seconds,
-                        m.rate, m.bent.turn, m.bent.sigma, m.bent.seen, m.turned, m.lost, m.map, m.frames_tracked, m.frames_lost, m.next_tried, m.last_time);
+                        m.rate, m.bent.turn, m.bent.sigma, m.bent.seen, m.turned, m.lost, m.map, m.frames_tracked,
+                        m.frames_lost, m.next_tried, m.last_time);
   m.rate_changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
   m.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
 }

@@ -14,6 +14,14 @@
 namespace iclk::test {
 namespace {
 
+const Camera kCamera{300, 300, 159.5, 119.5, 320, 240};
+
+/// Of a turn, squared: 3 where the covariance is that of the errors.
+double normalised_error(const TurnEstimate& found, const Eigen::Vector3d& turn) {
+  const Eigen::Vector3d e = found.turn - turn;
+  return e.dot(found.covariance.llt().solve(e));
+}
+
 /// Features of a reference that turned by turn_0 while its rows were read, in a target that turned by turn_1.
 std::vector<RollingSighting> sightings_of(const Camera& camera, const RowTimes& rows, const SE3& T_10,
                                           const Eigen::Vector3d& turn_0, const Eigen::Vector3d& turn_1, double noise,
@@ -34,42 +42,38 @@ std::vector<RollingSighting> sightings_of(const Camera& camera, const RowTimes& 
 }
 
 TEST(RollingShutter, TurnsAreSeenInFeatures) {
-  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
-  const RowTimes rows(camera);
+  const RowTimes rows(kCamera);
   std::mt19937_64 random(3);
-  std::normal_distribution<double> normal;
   const SE3 T_10 = SE3::exp((Vector6d() << 0.1, -0.05, 0.2, 0.03, -0.02, 0.04).finished());
   const Eigen::Vector3d turn_0(0.01, -0.02, 0.005), turn_1(-0.03, 0.02, 0.04);
   // From a pose that is off, as it is where the bend was taken for motion.
   const SE3 start = T_10 * SE3::exp((Vector6d() << 0.02, 0.01, -0.02, 0.004, -0.003, 0.005).finished());
-  const auto exact = sightings_of(camera, rows, T_10, turn_0, turn_1, 0, random);
-  const auto found = estimate_turn(camera, rows, start, turn_0, exact, 0.1, 1);
+  const auto exact = sightings_of(kCamera, rows, T_10, turn_0, turn_1, 0, random);
+  const auto found = estimate_turn(kCamera, rows, start, turn_0, exact, 0.1, 1);
   ASSERT_TRUE(found);
   EXPECT_LT((found->turn - turn_1).norm(), 1e-5);
-  EXPECT_GT((estimate_turn(camera, rows, start, Eigen::Vector3d::Zero(), exact, 0.1, 1)->turn - turn_1).norm(), 5e-3);
+  EXPECT_GT((estimate_turn(kCamera, rows, start, Eigen::Vector3d::Zero(), exact, 0.1, 1)->turn - turn_1).norm(), 5e-3);
 
   double nees = 0;
   constexpr int kDraws = 100;
   for (int draw = 0; draw < kDraws; ++draw) {
-    const auto noisy = sightings_of(camera, rows, T_10, turn_0, turn_1, 0.3, random);
-    const auto one = estimate_turn(camera, rows, start, turn_0, noisy, 0.3, 1);
+    const auto noisy = sightings_of(kCamera, rows, T_10, turn_0, turn_1, 0.3, random);
+    const auto one = estimate_turn(kCamera, rows, start, turn_0, noisy, 0.3, 1);
     ASSERT_TRUE(one);
-    const Eigen::Vector3d e = one->turn - turn_1;
-    nees += e.dot(one->covariance.llt().solve(e)) / kDraws;
+    nees += normalised_error(*one, turn_1) / kDraws;
   }
   EXPECT_NEAR(nees, 3, 1);
 
-  auto outliers = sightings_of(camera, rows, T_10, turn_0, turn_1, 0.3, random);
+  auto outliers = sightings_of(kCamera, rows, T_10, turn_0, turn_1, 0.3, random);
   for (size_t i = 0; i < 12; ++i) outliers[i].uv1 += Eigen::Vector2d(15, -20);
-  EXPECT_LT((estimate_turn(camera, rows, start, turn_0, outliers, 0.3, 1)->turn - turn_1).norm(), 0.01);
+  EXPECT_LT((estimate_turn(kCamera, rows, start, turn_0, outliers, 0.3, 1)->turn - turn_1).norm(), 0.01);
   // A prior that knows better holds it; too few features say nothing.
-  EXPECT_LT(estimate_turn(camera, rows, start, turn_0, outliers, 0.3, 1e-6)->turn.norm(), 1e-3);
-  EXPECT_FALSE(estimate_turn(camera, rows, start, turn_0, std::span(exact).first(14), 0.3, 1));
+  EXPECT_LT(estimate_turn(kCamera, rows, start, turn_0, outliers, 0.3, 1e-6)->turn.norm(), 1e-3);
+  EXPECT_FALSE(estimate_turn(kCamera, rows, start, turn_0, std::span(exact).first(14), 0.3, 1));
 }
 
 TEST(RollingShutter, WhatIsWrongInDepthsIsAllowedFor) {
-  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
-  const RowTimes rows(camera);
+  const RowTimes rows(kCamera);
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
   const SE3 T_10 = SE3::exp((Vector6d() << 0.3, -0.15, 0.2, 0.03, -0.02, 0.04).finished());
@@ -77,20 +81,19 @@ TEST(RollingShutter, WhatIsWrongInDepthsIsAllowedFor) {
   double nees = 0, trusting = 0, error = 0, trusting_error = 0;
   constexpr int kDraws = 100;
   for (int draw = 0; draw < kDraws; ++draw) {
-    auto coarse = sightings_of(camera, rows, T_10, Eigen::Vector3d::Zero(), turn, 0.1, random);
+    auto coarse = sightings_of(kCamera, rows, T_10, Eigen::Vector3d::Zero(), turn, 0.1, random);
     for (size_t i = 0; i < coarse.size(); ++i) {
       coarse[i].inverse_depth_sigma = i % 2 == 0 ? 0.03 : 0.003;
       coarse[i].inverse_depth += coarse[i].inverse_depth_sigma * normal(random);
     }
-    const auto found = estimate_turn(camera, rows, T_10, Eigen::Vector3d::Zero(), coarse, 0.1, 1);
+    const auto found = estimate_turn(kCamera, rows, T_10, Eigen::Vector3d::Zero(), coarse, 0.1, 1);
     for (RollingSighting& s : coarse) s.inverse_depth_sigma = 0;
-    const auto without = estimate_turn(camera, rows, T_10, Eigen::Vector3d::Zero(), coarse, 0.1, 1);
+    const auto without = estimate_turn(kCamera, rows, T_10, Eigen::Vector3d::Zero(), coarse, 0.1, 1);
     ASSERT_TRUE(found && without);
-    const Eigen::Vector3d e = found->turn - turn, e_without = without->turn - turn;
-    nees += e.dot(found->covariance.llt().solve(e)) / kDraws;
-    trusting += e_without.dot(without->covariance.llt().solve(e_without)) / kDraws;
-    error += e.norm() / kDraws;
-    trusting_error += e_without.norm() / kDraws;
+    nees += normalised_error(*found, turn) / kDraws;
+    trusting += normalised_error(*without, turn) / kDraws;
+    error += (found->turn - turn).norm() / kDraws;
+    trusting_error += (without->turn - turn).norm() / kDraws;
   }
   EXPECT_NEAR(nees, 3, 1);
   EXPECT_GT(trusting, 6);
@@ -98,18 +101,17 @@ TEST(RollingShutter, WhatIsWrongInDepthsIsAllowedFor) {
 }
 
 TEST(RollingShutter, TurnsAreSeenInFeaturesOfAnImageWhoseLensWasUndone) {
-  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
-  const RowTimes plain(camera), rows(camera, [&](const Eigen::Vector2d&uv) {
-    return 0.9 * row_time(camera, uv.y()) + 4e-4 * (uv.x() - camera.cx);  // rows that lie aslant
+  const RowTimes plain(kCamera), rows(kCamera, [&](const Eigen::Vector2d&uv) {
+    return 0.9 * row_time(kCamera, uv.y()) + 4e-4 * (uv.x() - kCamera.cx);  // rows that lie aslant
   });
   std::mt19937_64 random(3);
   const SE3 T_10 = SE3::exp((Vector6d() << 0.1, -0.05, 0.2, 0.03, -0.02, 0.04).finished());
   const Eigen::Vector3d turn_0(0.01, -0.02, 0.005), turn_1(-0.03, 0.02, 0.04);
-  const auto exact = sightings_of(camera, rows, T_10, turn_0, turn_1, 0, random);
-  const auto found = estimate_turn(camera, rows, T_10, turn_0, exact, 0.1, 1);
+  const auto exact = sightings_of(kCamera, rows, T_10, turn_0, turn_1, 0, random);
+  const auto found = estimate_turn(kCamera, rows, T_10, turn_0, exact, 0.1, 1);
   ASSERT_TRUE(found);
   EXPECT_LT((found->turn - turn_1).norm(), 1e-5);
-  EXPECT_GT((estimate_turn(camera, plain, T_10, turn_0, exact, 0.1, 1)->turn - turn_1).norm(), 2e-3);
+  EXPECT_GT((estimate_turn(kCamera, plain, T_10, turn_0, exact, 0.1, 1)->turn - turn_1).norm(), 2e-3);
 }
 
 TEST(RollingShutter, PairIsStraightenedWhereItsFeaturesProveTheBend) {
