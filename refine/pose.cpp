@@ -2,8 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
-#include <ceres/ceres.h>
+#include <ceres/tiny_solver.h>
 #include <Eigen/Eigenvalues>
 
 #include <iclk/align/common/options_check.h>
@@ -12,13 +13,20 @@
 namespace iclk {
 namespace {
 
-/// Smallest eigenvalue of H scaled to a unit diagonal; 0 for a zero or non-finite diagonal. Units of rho and phi drop out.
-double conditioning(const Matrix6d& H) {
-  const Vector6d d = H.diagonal();
-  if (!H.allFinite() || !(d.minCoeff() > 0)) return 0;
-  const Vector6d s = d.cwiseSqrt().cwiseInverse();
-  return Eigen::SelfAdjointEigenSolver<Matrix6d>(s.asDiagonal() * H * s.asDiagonal(), Eigen::EigenvaluesOnly).eigenvalues()[0];
-}
+/// The inverse of H, by H scaled to a unit diagonal, so that units of rho and phi drop out.
+struct Inverse {
+  explicit Inverse(const Matrix6d& H) {
+    const Vector6d d = H.diagonal();
+    if (!H.allFinite() || !(d.minCoeff() > 0)) return;
+    const Vector6d s = d.cwiseSqrt().cwiseInverse();
+    const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(s.asDiagonal() * H * s.asDiagonal());
+    smallest = eigen.eigenvalues()[0];
+    const Matrix6d V = s.asDiagonal() * eigen.eigenvectors();
+    matrix = V * eigen.eigenvalues().cwiseInverse().asDiagonal() * V.transpose();
+  }
+  Matrix6d matrix = Matrix6d::Zero();
+  double smallest = 0;  ///< eigenvalue of H as scaled; 0 for a zero or non-finite diagonal
+};
 
 }  // namespace
 
@@ -43,37 +51,101 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE
 
 namespace {
 
-/// The least squares problem over the observations, which must outlive it.
-struct Problem {
-  Problem(const Camera& camera, std::span<const internal::Observation> used, const SE3& T_10, double scale)
-      : pose(internal::to_block(T_10)), loss(scale), problem(ownership()) {
-    for (const internal::Observation& o : used) q.push_back(o.q);
-    problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
-    for (size_t i = 0; i < used.size(); ++i) {
-      problem.AddResidualBlock(new internal::ReprojectionCost(camera, camera.ray(used[i].uv0), used[i].uv1, used[i].W), &loss,
-                               pose.data(), &q[i]);
-      problem.SetParameterBlockConstant(&q[i]);
-    }
+/// The residuals of the observations, which must outlive it, as a function of a step [rho, phi] from T_0 to
+/// T_0 [exp(phi^), rho]. ceres::TinySolver knows no loss function, so residuals and their Jacobian are multiplied by the root
+/// of their weight, as Ceres does for a loss that is concave; a last residual without a Jacobian adds what the squares then
+/// lack of the loss.
+class CauchyReprojection {
+ public:
+  using Scalar = double;
+  enum { NUM_RESIDUALS = Eigen::Dynamic, NUM_PARAMETERS = 6 };
+
+  CauchyReprojection(const Camera& camera, std::span<const internal::Observation> used, const SE3& T_0, double scale)
+      : camera_(camera), used_(used), T_0_(T_0), scale_(scale) {
+    for (const internal::Observation& o : used) rays_.push_back(camera.ray(o.uv0));
   }
-  static ceres::Problem::Options ownership() {
-    ceres::Problem::Options options;
-    options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-    return options;
-  }
-  SE3 solve(int iterations, ceres::Solver::Summary& summary) {
-    ceres::Solver::Options solver = internal::solver_options(iterations);
-    solver.linear_solver_type = ceres::DENSE_QR;
-    ceres::Solve(solver, &problem, &summary);
-    SE3 T_10 = internal::to_pose(pose.data());
-    if (T_10.R.allFinite()) T_10.orthonormalize();
-    return T_10;
+  int NumResiduals() const { return 2 * static_cast<int>(used_.size()) + 1; }
+
+  SE3 at(const double* step) const {
+    const Eigen::Map<const Vector6d> xi(step);
+    SE3 d = turn(xi.tail<3>());
+    d.t = xi.head<3>();
+    return T_0_ * d;
   }
 
-  internal::PoseBlock pose;
-  std::vector<double> q;
-  ceres::CauchyLoss loss;
-  ceres::Problem problem;
+  bool operator()(const double* step, double* residuals, double* jacobian) const {
+    const SE3 T = at(step);
+    const Eigen::Matrix3d J_r = right_jacobian(Eigen::Map<const Vector6d>(step).tail<3>());
+    Eigen::Map<Eigen::VectorXd> r(residuals, NumResiduals());
+    Eigen::Map<Eigen::Matrix<double, Eigen::Dynamic, 6>> J(jacobian, NumResiduals(), 6);
+    double rest = 0;
+    for (size_t i = 0; i < used_.size(); ++i) {
+      const internal::Observation& o = used_[i];
+      const Eigen::Vector3d p = T.R * rays_[i] + o.q * T.t;
+      if (!(p.z() > internal::kMinDepth)) {  // no step leads there
+        r.setConstant(std::numeric_limits<double>::infinity());
+        return false;
+      }
+      const Eigen::Vector2d white = o.W * (camera_.project(p) - o.uv1);
+      const double square = white.squaredNorm() / (scale_ * scale_), weight = 1 / (1 + square);
+      rest += std::max(std::log1p(square) - weight * square, 0.0);
+      const auto row = static_cast<Eigen::Index>(2 * i);
+      r.segment<2>(row) = std::sqrt(weight) * white;
+      if (jacobian == nullptr) continue;
+      Eigen::Matrix<double, 3, 6> dp;
+      dp << o.q * T_0_.R, -T.R * hat(rays_[i]) * J_r;
+      J.middleRows<2>(row) = std::sqrt(weight) * o.W * camera_.project_jacobian(p) * dp;
+    }
+    r.tail<1>()[0] = scale_ * std::sqrt(rest);
+    if (jacobian != nullptr) J.bottomRows<1>().setZero();
+    return true;
+  }
+
+ private:
+  static SE3 turn(const Eigen::Vector3d& phi, const Eigen::Vector3d& rho = Eigen::Vector3d::Zero()) {
+    Vector6d xi;
+    xi << rho, phi;
+    return SE3::exp(xi);
+  }
+  /// exp((phi + d)^) ~ exp(phi^) exp((J_r d)^): V of Exp, transposed.
+  static Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& phi) {
+    Eigen::Matrix3d J;
+    for (int k = 0; k < 3; ++k) J.row(k) = turn(phi, Eigen::Vector3d::Unit(k)).t.transpose();
+    return J;
+  }
+
+  const Camera& camera_;
+  std::span<const internal::Observation> used_;
+  SE3 T_0_;
+  double scale_;
+  std::vector<Eigen::Vector3d> rays_;
 };
+
+struct Solution {
+  SE3 T_10;
+  internal::Ending ending;
+};
+
+Solution solve(const Camera& camera, std::span<const internal::Observation> used, const SE3& T_10, double scale,
+               int iterations) {
+  const CauchyReprojection residuals(camera, used, T_10, scale);
+  ceres::TinySolver<CauchyReprojection> solver;
+  Eigen::VectorXd first(residuals.NumResiduals());
+  Vector6d step = Vector6d::Zero();
+  Solution s{T_10, {.message = "a feature lies behind the camera"}};
+  if (!residuals(step.data(), first.data(), nullptr)) return s;
+  solver.options.max_num_iterations = iterations + 1;  // the last of them takes no step
+  solver.options.parameter_tolerance = 1e-9;
+  solver.options.function_tolerance = 1e-8 * first.squaredNorm();
+  solver.Solve(residuals, &step);
+  s.T_10 = residuals.at(step.data());
+  s.ending.usable = s.T_10.R.allFinite() && s.T_10.t.allFinite();
+  s.ending.converged = solver.summary.status != ceres::TinySolver<CauchyReprojection>::HIT_MAX_ITERATIONS;
+  s.ending.iterations = std::min(solver.summary.iterations, iterations);
+  s.ending.message = "the pose is not finite";
+  if (s.ending.usable) s.T_10.orthonormalize();
+  return s;
+}
 
 // refine_pose() in the unit in which inverse depths are about 1.
 PoseResult refine_unit_pose(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
@@ -95,11 +167,9 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
 
   // The scale needs no continuation: from 100 px off with 45 % outliers the wanted scale alone comes home as often, in half the
   // steps.
-  ceres::Solver::Summary summary;
-  if (const SE3 first = Problem(camera, used, T_10, scale).solve(options.iterations, summary);
-      summary.IsSolutionUsable() && first.R.allFinite() && first.t.allFinite()) {
-    result.T_10 = first;
-    result.iterations = summary.num_successful_steps + summary.num_unsuccessful_steps;
+  if (const Solution first = solve(camera, used, T_10, scale, options.iterations); first.ending.usable) {
+    result.T_10 = first.T_10;
+    result.iterations = first.ending.iterations;
     const internal::PositionErrors errors = internal::position_errors(camera, used, result.T_10, options);
     result.floor = errors.floor;
     result.depth_sigma = errors.relative_depth;
@@ -107,11 +177,10 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
     internal::whiten(camera, used, result.T_10, errors);
     result.initial_cost = cost_at(T_10);
   }
-  Problem last(camera, used, result.T_10, scale);
-  result.T_10 = last.solve(options.iterations, summary);
-  result.iterations += summary.num_successful_steps + summary.num_unsuccessful_steps;
-  result.report = summary.BriefReport();
-  if (!internal::judge(used, camera, summary, options, scale, result)) return result;
+  const Solution last = solve(camera, used, result.T_10, scale, options.iterations);
+  result.T_10 = last.T_10;
+  result.iterations += last.ending.iterations;
+  if (!internal::judge(used, camera, last.ending, options, scale, result)) return result;
 
   const std::vector<double> norms = internal::residual_norms(camera, used, result.T_10);
   Matrix6d H = Matrix6d::Zero();
@@ -121,24 +190,18 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
     H += J.transpose() * J / (1 + norms[i] * norms[i] / (scale * scale));
   }
   constexpr double kSingular = 1e-10;
-  ceres::Covariance::Options covariance_options;
-  covariance_options.algorithm_type = ceres::DENSE_SVD;
-  covariance_options.min_reciprocal_condition_number = 1e-30;  // conditioning() has judged, without regard to units
-  ceres::Covariance covariance(covariance_options);
-  const double condition = conditioning(H);
-  const std::vector<std::pair<const double*, const double*>> blocks{{last.pose.data(), last.pose.data()}};
-  if (!(condition > kSingular) || !covariance.Compute(blocks, &last.problem)) {
+  const Inverse inverse(H);
+  if (!(inverse.smallest > kSingular)) {
     result.status = Status::degenerate;
-    result.reason = "the aligned features do not determine the pose: smallest scaled eigenvalue " + std::to_string(condition);
+    result.reason =
+        "the aligned features do not determine the pose: smallest scaled eigenvalue " + std::to_string(inverse.smallest);
     return result;
   }
-  Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
-  covariance.GetCovarianceBlockInTangentSpace(last.pose.data(), last.pose.data(), C.data());
   const internal::SharedErrors shared =
       internal::shared_errors(camera, used, result.T_10, scale, result.depth_sigma, options.camera_sigma);
   result.calibration_sigma = shared.calibration;
   result.shared = shared.covariance;
-  result.covariance = C * internal::variance_factor(norms, scale, 6) + shared.covariance;
+  result.covariance = inverse.matrix * internal::variance_factor(norms, scale, 6) + shared.covariance;
   return result;
 }
 

@@ -36,12 +36,11 @@ struct PoseOptions {
 /// What pose (and structure) refinement gives.
 struct PoseResult {
   SE3 T_10;
-  /// Of xi in T_10 Exp(xi), twist order [rho, phi]: Ceres's (J^T W J)^-1 times the variance of the residuals as the M-estimator
+  /// Of xi in T_10 Exp(xi), twist order [rho, phi]: (J^T W J)^-1 times the variance of the residuals as the M-estimator
   /// sees it, and `shared`. Zero unless converged or max_iterations.
   Matrix6d covariance = Matrix6d::Zero();
   Status status = Status::diverged;  ///< converged, max_iterations, too_few_features, degenerate or diverged
   std::string reason;                ///< the status in words, with the numbers that decided it
-  std::string report;                ///< Ceres's brief report; empty if it never ran
   double initial_cost = 0;           ///< mean of rho(|r|^2) / 2 over the used features, px^2, before
   double cost = 0;                   ///< and after
   double sigma = 0;                  ///< px: robust standard deviation of a residual component
@@ -57,7 +56,7 @@ struct PoseResult {
 /// d u1 / d xi of u1 = project(X1), X1 = T_10 Exp(xi) X0 at xi = 0; twist order [rho, phi]. Precondition: (T_10 X0).z() > 0.
 Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE3& T_10, const Eigen::Vector3d& X0);
 
-/// The pose that projects the features onto their aligned positions: Cauchy loss, Levenberg-Marquardt (Ceres),
+/// The pose that projects the features onto their aligned positions: Cauchy loss, Levenberg-Marquardt (Ceres's TinySolver),
 ///
 ///   min_T sum_i rho(|W_i (project(T X_i) - uv1_i)|^2),   W_i = sigma_0 (covariance_i + sigma_0^2 I + a_i a_i^T)^-1/2
 ///

@@ -85,12 +85,12 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   PoseResult& p = result.pose;
   const PoseResult pose_only = p;
   p.covariance.setZero();
-  p.iterations += summary.num_successful_steps + summary.num_unsuccessful_steps;
-  p.report = summary.BriefReport();
+  const internal::Ending ending = internal::ending(summary);
+  p.iterations += ending.iterations;
   p.T_10 = internal::to_pose(pose.data());
   if (p.T_10.R.allFinite()) p.T_10.orthonormalize();
-  if (!internal::judge(used, camera, summary, options.pose, scale, p)) {
-    if (!summary.IsSolutionUsable()) p.T_10 = pose_only.T_10;
+  if (!internal::judge(used, camera, ending, options.pose, scale, p)) {
+    if (!ending.usable) p.T_10 = pose_only.T_10;
     return result;
   }
   for (const internal::Observation& o : used) result.inverse_depth[o.feature] = o.q;

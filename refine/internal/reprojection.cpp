@@ -205,8 +205,13 @@ ceres::Solver::Options solver_options(int iterations) {
   return o;
 }
 
-bool judge(std::span<const Observation> observations, const Camera& camera, const ceres::Solver::Summary& summary,
-           const PoseOptions& options, double scale, PoseResult& result) {
+Ending ending(const ceres::Solver::Summary& summary) {
+  return {summary.IsSolutionUsable(), summary.termination_type == ceres::CONVERGENCE,
+          summary.num_successful_steps + summary.num_unsuccessful_steps, summary.message};
+}
+
+bool judge(std::span<const Observation> observations, const Camera& camera, const Ending& ending, const PoseOptions& options,
+           double scale, PoseResult& result) {
   const std::vector<double> norms = residual_norms(camera, observations, result.T_10);
   result.cost = cauchy_cost(norms, scale);
   result.sigma = std::sqrt(variance_factor(norms, scale, 6));
@@ -217,9 +222,9 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
   }
   std::ostringstream why;
   why << inliers_text(result.inliers, result.used, options);
-  if (!summary.IsSolutionUsable() || !result.T_10.R.allFinite() || !result.T_10.t.allFinite()) {
+  if (!ending.usable || !result.T_10.R.allFinite() || !result.T_10.t.allFinite()) {
     result.status = Status::diverged;
-    result.reason = "pose refinement failed: " + summary.message;
+    result.reason = "pose refinement failed: " + ending.message;
     return false;
   }
   if (result.inliers < options.min_inlier_share * result.used || result.inliers < options.min_features) {
@@ -228,7 +233,7 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
     result.reason = why.str();
     return false;
   }
-  result.status = summary.termination_type == ceres::CONVERGENCE ? Status::converged : Status::max_iterations;
+  result.status = ending.converged ? Status::converged : Status::max_iterations;
   if (result.status == Status::max_iterations) why << ", still moving after " << result.iterations << " iterations";
   result.reason = why.str();
   return true;

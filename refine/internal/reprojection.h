@@ -102,9 +102,17 @@ double variance_factor(std::span<const double> norms, double scale, int paramete
 
 ceres::Solver::Options solver_options(int iterations);
 
+/// How a solver ended.
+struct Ending {
+  bool usable = false, converged = false;
+  int iterations = 0;
+  std::string message;  ///< of one that is not usable
+};
+Ending ending(const ceres::Solver::Summary& summary);
+
 /// used, inliers, cost and status from the residuals at the final pose; true if that is one to state a covariance of. `scale`:
 /// of the Cauchy loss, px.
-bool judge(std::span<const Observation> observations, const Camera& camera, const ceres::Solver::Summary& summary,
-           const PoseOptions& options, double scale, PoseResult& result);
+bool judge(std::span<const Observation> observations, const Camera& camera, const Ending& ending, const PoseOptions& options,
+           double scale, PoseResult& result);
 
 }  // namespace iclk::internal
