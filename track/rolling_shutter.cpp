@@ -137,6 +137,12 @@ void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows,
   }
 }
 
+Eigen::Vector2d unrolled_anew(const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& from,
+                              const Eigen::Vector3d& to, const Eigen::Vector2d& uv) {
+  const Eigen::Vector2d read = source_of(camera, rows, from, uv).uv.cast<double>();
+  return camera.project(turned(to * rows.at(read)) * camera.ray(read));
+}
+
 TurnRate TurnRate::with(const Eigen::Vector3d& other, const Eigen::Matrix3d& covariance) const {
   const Eigen::Matrix3d W = covariance.inverse(), sum = (W + Eigen::Matrix3d::Identity() / (sigma * sigma)).inverse();
   return {sum * (W * other + rate / (sigma * sigma)), std::sqrt(sum.trace() / 3)};

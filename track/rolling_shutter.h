@@ -16,6 +16,10 @@ namespace iclk {
 /// and mask: nearest. Where the source has nothing the mask is 0; without one in `frame`, so it is made.
 void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn, FramePixels& out);
 
+/// Where a pixel of an image that was unrolled with the turn `from` is found in one that is unrolled with `to`.
+Eigen::Vector2d unrolled_anew(const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& from,
+                              const Eigen::Vector3d& to, const Eigen::Vector2d& uv);
+
 /// How fast a camera turns: rad/s, in its axes, `sigma` an axis.
 struct TurnRate {
   Eigen::Vector3d rate = Eigen::Vector3d::Zero();

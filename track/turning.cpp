@@ -9,6 +9,8 @@ namespace {
 /// px at the first and the last row: an image that was unrolled so much wrongly is unrolled again.
 constexpr double kBend = 0.3;
 constexpr int kAgain = 2;
+/// Of the features that agreed before: else the image has to be looked at again.
+constexpr double kStillFound = 0.9;
 /// Steps between poses say how fast a camera turns only so far apart.
 constexpr double kLongestStep = 0.25;  // s
 constexpr double kLeastSigma = 0.1;    // px
@@ -52,8 +54,27 @@ TurnRate Tracker::Impl::rate_at(double time, const SE3& T_WC, const Found& found
   return by_step.with(rate + seen->turn / options.readout, covariance / (options.readout * options.readout));
 }
 
+bool Tracker::Impl::pose_with(const Eigen::Vector3d& now, Found& found) const {
+  if (!found.confirmed) return false;
+  const Keyframe& k = keyframes.all().at(found.keyframe);
+  RefinedAlignment a = found.alignment;
+  for (AlignedFeature& f : a.features)
+    if (f.status == FeatureStatus::aligned)
+      f.uv1 = unrolled_anew(camera, rows, rate * options.readout, now * options.readout, f.uv1);
+  const PoseResult pose = refine_pose(camera, k.features, a.features, a.T_10, options.refiner.pose);
+  if (!usable(pose.status) || pose.inliers < kStillFound * a.inliers) return false;
+  a.T_10 = pose.T_10;
+  a.covariance = pose.covariance;
+  a.inliers = pose.inliers;
+  a.sigma = pose.sigma;
+  a.reason = pose.reason + ", unrolled anew";
+  if (!confirmed(a)) return false;
+  found.alignment = std::move(a);
+  return true;
+}
+
 TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found) {
-  TrackFrame out = frame;
+  const Eigen::Vector3d first = rate;
   for (int round = 0; round < kAgain; ++round) {
     const Keyframe& k = *keyframes.find(found.keyframe);
     const SE3 T_WC = k.T_WC * found.alignment.T_10.inverse();
@@ -63,15 +84,15 @@ TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame
     const double bend =
         (now - rate).norm() * std::abs(options.readout) / 2 * std::max(std::abs(camera.fx), std::abs(camera.fy));
     if (bend < kBend) break;
-    const TrackFrame again = unrolled(given, now);
-    RefinedAlignment a = refiner.align(pair_with(found.keyframe, again, T_WC, false));
-    if (!confirmed(a) && (found.confirmed || !credible(a, k, T_WC))) return unrolled(given, rate);
+    if (!pose_with(now, found)) {
+      RefinedAlignment a = refiner.align(pair_with(found.keyframe, unrolled(given, now), T_WC, false));
+      if (!confirmed(a) && (found.confirmed || !credible(a, k, T_WC))) break;
+      found.confirmed = confirmed(a);
+      found.alignment = std::move(a);
+    }
     rate = now;
-    found.confirmed = confirmed(a);
-    found.alignment = std::move(a);
-    out = again;
   }
-  return out;
+  return rate == first ? frame : unrolled(given, rate);
 }
 
 void Tracker::Impl::learn_turn(const Found& found, double time, const SE3& T_WC) {

@@ -48,6 +48,9 @@ struct Tracker::Impl {
   std::optional<TurnEstimate> seen_turn(const Found& found, const Eigen::Vector3d& turn_0) const;
   /// By the step and by how the image, unrolled with `rate`, is still bent.
   TurnRate rate_at(double time, const SE3& T_WC, const Found& found, const std::optional<TurnEstimate>& seen) const;
+  /// The pose by the features that were found, as they lie with the rate `now`; without looking at the image again. False if
+  /// they agree no longer.
+  bool pose_with(const Eigen::Vector3d& now, Found& found) const;
   TrackFrame unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found);
   void learn_turn(const Found& found, double time, const SE3& T_WC);
 
