@@ -89,8 +89,11 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::try_others(const TrackFrame& 
   };
   for (const int id : keyframes.best(camera, expected, 3, 0.3))
     if (id != current) add(id, expected, false);
-  if (velocity) add(current, last->T_WC, false);
-  add(current, expected, true);
+  if (!weak) {  // else the alignment came to an end that is as good as it gets with the current one
+    if (velocity) add(current, last->T_WC, false);
+    add(current, expected, true);
+  }
+  if (pairs.empty()) return {};
   std::vector<RefinedAlignment> found = refiner.align(pairs);
   std::optional<Found> best;
   for (size_t i = 0; i < found.size(); ++i) {
@@ -104,7 +107,7 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::try_previous(const TrackFrame
                                                                 std::optional<Found>& weak) {
   // Nothing is more alike than the frame before.
   TrackResult ignored;
-  if (keyframes.newest().time == previous.time || !make_keyframe(previous.frame(camera), last->T_WC, previous_origin, ignored))
+  if (keyframes.newest().time == previous.time || !make_keyframe(previous.frame(camera), last->T_WC, previous_origin, nullptr, ignored))
     return {};
   for (const SE3& T_WC : {expected, last->T_WC}) {
     RefinedAlignment a = refiner.align(pair_with(current, frame, T_WC, false));

@@ -96,14 +96,14 @@ bool Tracker::Impl::can_begin(const TrackFrame& frame) const {
 }
 
 bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
-                                  TrackResult& result) {
+                                  const Found* found, TrackResult& result) {
   const auto start = Clock::now();
   const Map grey = grey_map(frame.image);
   Features features;
   if (!frame.depth.empty()) features = detect_features(grey, frame.depth, options.depth_noise, options.detector);
   const int measured = features.size();
   if (measured < 2 * options.min_inliers && (options.seeds == 0 || keyframes.empty())) return false;
-  std::vector<Neighbour> neighbours = neighbours_of(frame, T_WC);
+  std::vector<Neighbour> neighbours = neighbours_of(frame, T_WC, found);
   // A sensor that has enough needs no help, and is better.
   const bool help = options.seeds > 0 && measured < options.detector.count;
   if (help) carry(frame, neighbours, static_cast<int>(kCarried * (options.detector.count - measured)), features);
@@ -156,7 +156,7 @@ void Tracker::Impl::lose() {
 
 void Tracker::Impl::begin(const TrackFrame& frame, TrackResult& result) {
   bent = {};  // whatever it is bent by, the others are seen in relation to it
-  if (!make_keyframe(frame, {}, {}, result)) {
+  if (!make_keyframe(frame, {}, {}, nullptr, result)) {
     result.reason = "no frame with depth and texture yet";
     return;
   }
@@ -252,7 +252,7 @@ TrackResult Tracker::track(const TrackFrame& given) {
       seen.flow > m.options.max_flow * m.camera.width) {
     const double ratio = sharpness(grey_map(frame.image)) / k.sharpness;
     if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper))
-      m.make_keyframe(frame, result.T_WC, origin, result);
+      m.make_keyframe(frame, result.T_WC, origin, &*found, result);
   }
   if (result.status == TrackStatus::tracked && found->confirmed) {
     const auto seeds_start = Clock::now();

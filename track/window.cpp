@@ -20,36 +20,44 @@ Matrix6d edge_covariance(const Keyframe::Origin& origin, const Keyframe& from) {
 
 }  // namespace
 
-std::vector<Tracker::Impl::Neighbour> Tracker::Impl::neighbours_of(const TrackFrame& frame, const SE3& T_WC) {
+std::vector<Tracker::Impl::Neighbour> Tracker::Impl::neighbours_of(const TrackFrame& frame, const SE3& T_WC,
+                                                                   const Found* found) {
   std::vector<Neighbour> out;
   std::vector<Pair> pairs;
+  std::vector<size_t> of;
   // The one that leaves for the new one is none of them.
   const int leaves = keyframes.size() == options.keyframes ? keyframes.all().begin()->first : -1;
   for (const int id : keyframes.best(camera, T_WC, static_cast<size_t>(options.window) + 1, 0.3)) {
     if (id == leaves || out.size() == static_cast<size_t>(options.window)) continue;
     out.push_back({id, {}, {}});
+    if (found && id == found->keyframe) {
+      out.back().there = found->alignment;
+      continue;
+    }
+    of.push_back(out.size() - 1);
     pairs.push_back(pair_with(id, frame, T_WC, false));
   }
   if (pairs.empty()) return out;
-  std::vector<RefinedAlignment> found = refiner.align(pairs);
-  for (size_t i = 0; i < out.size(); ++i) out[i].there = std::move(found[i]);
+  std::vector<RefinedAlignment> there = refiner.align(pairs);
+  for (size_t i = 0; i < of.size(); ++i) out[of[i]].there = std::move(there[i]);
   return out;
 }
 
 void Tracker::Impl::connect(Keyframe& k, std::vector<Neighbour>& neighbours) {
-  if (neighbours.empty()) return;
   std::vector<Pair> pairs;
-  std::vector<TrackFrame> frames;
-  for (const Neighbour& n : neighbours) {
+  std::vector<Neighbour*> of;
+  for (Neighbour& n : neighbours) {
+    if (!confirmed(n.there)) continue;  // where one way fails, so does the other: 97 of 100
     const Keyframe& other = *keyframes.find(n.id);
-    frames.push_back(other.pixels.frame(camera));
-    pairs.push_back(pair_with(k.id, frames.back(), other.T_WC, false));
+    of.push_back(&n);
+    pairs.push_back(pair_with(k.id, other.pixels.frame(camera), other.T_WC, false));
   }
-  std::vector<RefinedAlignment> found = refiner.align(pairs);
-  for (size_t i = 0; i < neighbours.size(); ++i) {
-    Neighbour& n = neighbours[i];
-    n.back = std::move(found[i]);
-    if (confirmed(n.there)) keyframes.find(n.id)->sightings[k.id] = n.there.features;
+  if (pairs.empty()) return;
+  std::vector<RefinedAlignment> back = refiner.align(pairs);
+  for (size_t i = 0; i < of.size(); ++i) {
+    Neighbour& n = *of[i];
+    n.back = std::move(back[i]);
+    keyframes.find(n.id)->sightings[k.id] = n.there.features;
     if (confirmed(n.back)) k.sightings[n.id] = n.back.features;
   }
 }

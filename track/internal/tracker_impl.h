@@ -61,7 +61,7 @@ struct Tracker::Impl {
   bool disagree(const Keyframe& k, const RefinedAlignment& a) const;
   void lose();
   bool make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
-                     TrackResult& result);
+                     const Found* found, TrackResult& result);
   void set_reference(const Keyframe& k);
 
   // seeds.cpp
@@ -77,7 +77,8 @@ struct Tracker::Impl {
   void look(Keyframe& k, const TrackFrame& frame, const RefinedAlignment& a);
 
   // window.cpp
-  std::vector<Neighbour> neighbours_of(const TrackFrame& frame, const SE3& T_WC);
+  /// `found`: the frame's alignment with one of them, if there is one.
+  std::vector<Neighbour> neighbours_of(const TrackFrame& frame, const SE3& T_WC, const Found* found);
   void connect(Keyframe& k, std::vector<Neighbour>& neighbours);
   void adjust_window();
 
