@@ -107,8 +107,8 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::try_previous(const TrackFrame
                                                                 std::optional<Found>& weak) {
   // Nothing is more alike than the frame before.
   TrackResult ignored;
-  if (keyframes.newest().time == previous.time || !make_keyframe(previous.frame(camera), last->T_WC, previous_origin, nullptr, ignored))
-    return {};
+  if (keyframes.newest().time == previous.time) return {};
+  if (!make_keyframe(previous.frame(camera), last->T_WC, previous_origin, nullptr, ignored)) return {};
   for (const SE3& T_WC : {expected, last->T_WC}) {
     RefinedAlignment a = refiner.align(pair_with(current, frame, T_WC, false));
     if (confirmed(a)) return Found{current, std::move(a)};
