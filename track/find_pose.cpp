@@ -108,7 +108,10 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::try_previous(const TrackFrame
   // Nothing is more alike than the frame before.
   TrackResult ignored;
   if (keyframes.newest().time == previous.time) return {};
-  if (!make_keyframe(previous.frame(camera), last->T_WC, previous_origin, nullptr, ignored)) return {};
+  FramePixels straight;
+  if (rolls()) unroll(previous.frame(camera), camera, rows, previous_rate * options.readout, straight);
+  const TrackFrame before = (rolls() ? straight : previous).frame(camera);
+  if (!make_keyframe(before, last->T_WC, previous_origin, nullptr, ignored)) return {};
   for (const SE3& T_WC : {expected, last->T_WC}) {
     RefinedAlignment a = refiner.align(pair_with(current, frame, T_WC, false));
     if (confirmed(a)) return Found{current, std::move(a)};

@@ -67,13 +67,19 @@ class Sources {
     const float b = static_cast<float>(v % kCell) / kCell;
     const Source* above = &nodes_[static_cast<size_t>(v / kCell) * static_cast<size_t>(columns_)];
     const Source* below = above + columns_;
-    for (size_t u = 0; u < out.size(); ++u) {
-      const size_t i = u / kCell;
-      const float a = static_cast<float>(u % kCell) / kCell;
-      const float w[4] = {(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b};
-      out[u].uv = w[0] * above[i].uv + w[1] * above[i + 1].uv + w[2] * below[i].uv + w[3] * below[i + 1].uv;
-      out[u].depth_ratio = w[0] * above[i].depth_ratio + w[1] * above[i + 1].depth_ratio + w[2] * below[i].depth_ratio +
-                           w[3] * below[i + 1].depth_ratio;
+    const auto node = [&](size_t i) {
+      return Eigen::Vector3f((1 - b) * above[i].uv.x() + b * below[i].uv.x(), (1 - b) * above[i].uv.y() + b * below[i].uv.y(),
+                             (1 - b) * above[i].depth_ratio + b * below[i].depth_ratio);
+    };
+    Eigen::Vector3f left = node(0);
+    for (size_t first = 0, i = 1; first < out.size(); first += kCell, ++i) {
+      const Eigen::Vector3f right = node(i), step = (right - left) / kCell;
+      const size_t end = std::min(first + kCell, out.size());
+      for (size_t u = first; u < end; ++u) {
+        const Eigen::Vector3f at = left + static_cast<float>(u - first) * step;
+        out[u] = {at.head<2>(), at.z()};
+      }
+      left = right;
     }
   }
 
@@ -82,23 +88,39 @@ class Sources {
   std::vector<Source> nodes_;
 };
 
-template <class T>
+template <class T, int kChannels>
 void sample_row(const ImageView& image, const std::vector<Source>& sources, T* out) {
-  const int n = channels(image.format);
   for (const Source& s : sources) {
     const float u = std::clamp(s.uv.x(), 0.0f, static_cast<float>(image.width - 1));
     const float v = std::clamp(s.uv.y(), 0.0f, static_cast<float>(image.height - 1));
     const int u0 = static_cast<int>(u), v0 = static_cast<int>(v);
-    const int u1 = std::min(u0 + 1, image.width - 1), v1 = std::min(v0 + 1, image.height - 1);
-    const float a = u - static_cast<float>(u0), b = v - static_cast<float>(v0);
+    const int u1 = std::min(u0 + 1, image.width - 1) * kChannels, v1 = std::min(v0 + 1, image.height - 1);
     const T *above = reinterpret_cast<const T*>(image.row(v0)), *below = reinterpret_cast<const T*>(image.row(v1));
-    for (int c = 0; c < n; ++c) {
-      const auto at = [&](const T* row, int x) { return static_cast<float>(row[x * n + c]); };
-      const float value =
-          (1 - b) * ((1 - a) * at(above, u0) + a * at(above, u1)) + b * ((1 - a) * at(below, u0) + a * at(below, u1));
+    const float a = u - static_cast<float>(u0), b = v - static_cast<float>(v0);
+    const float w[4] = {(1 - b) * (1 - a), (1 - b) * a, b * (1 - a), b * a};
+    for (int c = 0; c < kChannels; ++c) {
+      const auto at = [&](const T* row, int x) { return static_cast<float>(row[x + c]); };
+      const float value = w[0] * at(above, u0 * kChannels) + w[1] * at(above, u1) + w[2] * at(below, u0 * kChannels) +
+                          w[3] * at(below, u1);
       *out++ = std::is_floating_point_v<T> ? static_cast<T>(value) : static_cast<T>(value + 0.5f);
     }
   }
+}
+
+template <class T>
+void sample_row(const ImageView& image, const std::vector<Source>& sources, uint8_t* out) {
+  T* to = reinterpret_cast<T*>(out);
+  switch (channels(image.format)) {
+    case 1: return sample_row<T, 1>(image, sources, to);
+    case 3: return sample_row<T, 3>(image, sources, to);
+    case 4: return sample_row<T, 4>(image, sources, to);
+  }
+}
+
+/// The nearest integer of what lies within 2^20 of zero; std::floor is a call of a library.
+int nearest(float x) {
+  constexpr int kAway = 1 << 20;
+  return static_cast<int>(static_cast<double>(x) + 0.5 + kAway) - kAway;
 }
 
 bool inside(const ImageView& image, int u, int v) { return u >= 0 && v >= 0 && u < image.width && v < image.height; }
@@ -122,13 +144,13 @@ void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows,
     sources.row(v, row);
     uint8_t* to = &out.image[at * bytes];
     if (sample == 1)
-      sample_row(image, row, to);
+      sample_row<uint8_t>(image, row, to);
     else if (sample == 2)
-      sample_row(image, row, reinterpret_cast<uint16_t*>(to));
+      sample_row<uint16_t>(image, row, to);
     else
-      sample_row(image, row, reinterpret_cast<float*>(to));
+      sample_row<float>(image, row, to);
     for (size_t u = 0; u < width; ++u) {
-      const int x = static_cast<int>(std::floor(row[u].uv.x() + 0.5f)), y = static_cast<int>(std::floor(row[u].uv.y() + 0.5f));
+      const int x = nearest(row[u].uv.x()), y = nearest(row[u].uv.y());
       const bool seen = inside(image, x, y);
       out.mask[at + u] = seen && (frame.mask.empty() || frame.mask.row(y)[x]) ? 255 : 0;
       if (!out.depth.empty())

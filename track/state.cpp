@@ -50,7 +50,7 @@ void archive(Stream& s, Tracker::Impl::Turned& t) {
 
 namespace {
 
-constexpr uint64_t kMagic = 0x33304b4c43494b54;  // changes with what a state holds
+constexpr uint64_t kMagic = 0x34304b4c43494b54;  // changes with what a state holds
 
 /// FNV-1a, 64 bits.
 uint64_t checksum(std::span<const uint8_t> bytes) {
@@ -61,9 +61,9 @@ uint64_t checksum(std::span<const uint8_t> bytes) {
 
 template <class Stream>
 void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, Keyframe>& held, std::vector<SE3>& poses) {
-  internal::archive_all(s, held, poses, m.current, m.last, m.previous, m.previous_origin, m.velocity, m.velocity_seconds,
-                        m.rate, m.bent.turn, m.bent.sigma, m.bent.seen, m.turned, m.lost, m.map, m.frames_tracked,
-                        m.frames_lost, m.next_tried, m.last_time);
+  internal::archive_all(s, held, poses, m.current, m.last, m.previous, m.previous_rate, m.previous_origin, m.velocity,
+                        m.velocity_seconds, m.rate, m.bent.turn, m.bent.sigma, m.bent.seen, m.turned, m.lost, m.map,
+                        m.frames_tracked, m.frames_lost, m.next_tried, m.last_time);
   m.rate_changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
   m.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
 }

@@ -167,6 +167,7 @@ void Tracker::Impl::begin(const TrackFrame& frame, TrackResult& result) {
   frames_lost = 0;
   last = Last{frame.time, result.T_WC};
   previous.keep(frame);
+  previous_rate.setZero();
   previous_origin.reset();
 }
 
@@ -210,7 +211,11 @@ TrackResult Tracker::track(const TrackFrame& given) {
   const auto start = Clock::now();
   frame = m.unrolled(given, m.rate);
   auto found = m.find_pose(frame, result.searched);
-  if (found && m.rolls() && !m.lost) frame = m.unroll_again(given, frame, *found);
+  if (found && m.rolls() && !m.lost) m.unroll_again(given, *found);
+  const Eigen::Vector3d rate = m.rate;
+  const auto unroll_frame = [&] {
+    if (m.rolls() && m.flat_rate != rate) frame = m.unrolled(given, rate);
+  };
   result.align_ms = milliseconds_since(start);
   if (!found) {
     result.T_WC = m.last->T_WC;
@@ -251,11 +256,14 @@ TrackResult Tracker::track(const TrackFrame& given) {
   if (little || renew || !found->confirmed || seen.visible < m.options.min_visible ||
       seen.flow > m.options.max_flow * m.camera.width) {
     const double ratio = sharpness(grey_map(frame.image)) / k.sharpness;
-    if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper))
+    if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper)) {
+      unroll_frame();
       m.make_keyframe(frame, result.T_WC, origin, &*found, result);
+    }
   }
-  if (result.status == TrackStatus::tracked && found->confirmed) {
+  if (result.status == TrackStatus::tracked && found->confirmed && !k.seeds.empty()) {
     const auto seeds_start = Clock::now();
+    unroll_frame();
     m.look(k, frame, a);
     result.keyframe_ms += milliseconds_since(seeds_start);
   }
@@ -267,7 +275,8 @@ TrackResult Tracker::track(const TrackFrame& given) {
   ++m.frames_tracked;
   m.frames_lost = 0;
   m.last = Impl::Last{frame.time, result.T_WC};
-  m.previous.keep(frame);
+  m.previous.keep(given);
+  m.previous_rate = rate;
   m.previous_origin = origin;
   return result;
 }

@@ -22,6 +22,7 @@ constexpr double kTurnSigma = 0.1;
 TrackFrame Tracker::Impl::unrolled(const TrackFrame& frame, const Eigen::Vector3d& with) {
   if (!rolls()) return frame;
   unroll(frame, camera, rows, with * options.readout, flat);
+  flat_rate = with;
   return flat.frame(camera);
 }
 
@@ -73,14 +74,13 @@ bool Tracker::Impl::pose_with(const Eigen::Vector3d& now, Found& found) const {
   return true;
 }
 
-TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found) {
-  const Eigen::Vector3d first = rate;
+void Tracker::Impl::unroll_again(const TrackFrame& given, Found& found) {
   for (int round = 0; round < kAgain; ++round) {
     const Keyframe& k = *keyframes.find(found.keyframe);
     const SE3 T_WC = k.T_WC * found.alignment.T_10.inverse();
     const auto seen = seen_turn(found, k.turn);
     if (!seen && round > 0) break;
-    const Eigen::Vector3d now = rate_at(frame.time, T_WC, found, seen).rate;
+    const Eigen::Vector3d now = rate_at(given.time, T_WC, found, seen).rate;
     const double bend =
         (now - rate).norm() * std::abs(options.readout) / 2 * std::max(std::abs(camera.fx), std::abs(camera.fy));
     if (bend < kBend) break;
@@ -92,7 +92,6 @@ TrackFrame Tracker::Impl::unroll_again(const TrackFrame& given, const TrackFrame
     }
     rate = now;
   }
-  return rate == first ? frame : unrolled(given, rate);
 }
 
 void Tracker::Impl::learn_turn(const Found& found, double time, const SE3& T_WC) {

@@ -29,7 +29,9 @@ constexpr int kReadoutFrames = 100, kReadoutRounds = 5;
 constexpr double kSameReadout = 1e-3, kLeastReadout = 2e-3;
 constexpr double kMostReadout = 0.1;  ///< s: ReadoutEstimate knows no longer ones
 constexpr double kReadoutSigmas = 3;
-constexpr double kMostSlope = 0.8;  ///< of what features say over what is used: steeper, and a step to where they meet is wild
+/// Of what features say over what is used. Steeper ones make much of the errors of both, and beyond the readout features follow
+/// what is used, right or wrong.
+constexpr double kMostSlope = 0.33;
 
 /// What must be the same for a run to be continued.
 std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {

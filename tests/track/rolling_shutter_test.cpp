@@ -78,6 +78,47 @@ TEST(RollingShutter, ImageAndDepthAreAsOfACameraThatStandsStill) {
   EXPECT_TRUE(out.depth.empty());
 }
 
+TEST(RollingShutter, ColoursAreResampledChannelByChannel) {
+  const Sphere rolling({0.05, -0.04, 0.06});
+  const Eigen::Vector3d turn(0.02, 0.03, -0.05);
+  const auto straight = [&](const std::vector<uint8_t>& bytes, PixelFormat format) {
+    FramePixels out;
+    unroll({1.5, {bytes.data(), 320, 240, 0, format}, {}, {}}, rolling.camera, RowTimes(rolling.camera), turn, out);
+    return out.image;
+  };
+  for (const PixelFormat format : {PixelFormat::rgb8, PixelFormat::rgba8}) {
+    const auto n = static_cast<size_t>(channels(format));
+    std::vector<std::vector<uint8_t>> single(n, std::vector<uint8_t>(rolling.image.size()));
+    std::vector<uint8_t> together;
+    for (size_t i = 0; i < rolling.image.size(); ++i)
+      for (size_t c = 0; c < n; ++c) {
+        single[c][i] = static_cast<uint8_t>(200 * rolling.image[i] + 10 * static_cast<double>(c));
+        together.push_back(single[c][i]);
+      }
+    const std::vector<uint8_t> out = straight(together, format);
+    for (size_t c = 0; c < n; ++c) {
+      const std::vector<uint8_t> alone = straight(single[c], PixelFormat::r8);
+      for (size_t i = 0; i < alone.size(); ++i) ASSERT_EQ(out[n * i + c], alone[i]) << c << " of " << n << " at " << i;
+    }
+  }
+}
+
+TEST(RollingShutter, PixelsMoveWithTheTurnAsTheImageDoes) {
+  const Camera camera{300, 300, 159.5, 119.5, 320, 240};
+  const RowTimes rows(camera);
+  const Eigen::Vector3d turn(0.05, -0.04, 0.06), other(-0.01, 0.03, 0.02), none = Eigen::Vector3d::Zero();
+  double moved = 0;
+  for (double v = 10; v < 230; v += 20)
+    for (double u = 10; u < 310; u += 20) {
+      const Eigen::Vector2d read(u, v), straight = unrolled_anew(camera, rows, none, turn, read);
+      EXPECT_LT((straight - unrolled(camera, turn, read)).norm(), 1e-5) << "of an image as it was read";
+      EXPECT_LT((unrolled_anew(camera, rows, turn, none, straight) - read).norm(), 0.03);
+      EXPECT_LT((unrolled_anew(camera, rows, turn, other, straight) - unrolled(camera, other, read)).norm(), 0.03);
+      moved = std::max(moved, (straight - read).norm());
+    }
+  EXPECT_GT(moved, 5);
+}
+
 TEST(RollingShutter, RowsOfAnImageWhoseLensWasUndoneAreTheCameras) {
   const Eigen::Vector3d turn(0.05, -0.04, 0.06);
   const Camera camera{300, 300, 159.5, 119.5, 320, 240};

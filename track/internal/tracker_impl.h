@@ -41,6 +41,7 @@ struct Tracker::Impl {
 
   // turning.cpp
   bool rolls() const { return options.readout != 0; }
+  /// In `flat`, until the next call.
   TrackFrame unrolled(const TrackFrame& frame, const Eigen::Vector3d& with);
   /// By the step from the last frame; nothing where that is too long ago.
   std::optional<Eigen::Vector3d> step_rate(double time, const SE3& T_WC) const;
@@ -51,7 +52,8 @@ struct Tracker::Impl {
   /// The pose by the features that were found, as they lie with the rate `now`; without looking at the image again. False if
   /// they agree no longer.
   bool pose_with(const Eigen::Vector3d& now, Found& found) const;
-  TrackFrame unroll_again(const TrackFrame& given, const TrackFrame& frame, Found& found);
+  /// Finds pose and `rate` together.
+  void unroll_again(const TrackFrame& given, Found& found);
   void learn_turn(const Found& found, double time, const SE3& T_WC);
 
   // tracker.cpp
@@ -90,7 +92,8 @@ struct Tracker::Impl {
   Keyframes keyframes;
   int current = 0;           ///< keyframe that the last frame was aligned with
   std::optional<Last> last;  ///< frame with a pose
-  FramePixels previous;      ///< of that frame, which may have to become a keyframe after all
+  FramePixels previous;      ///< of that frame, which may have to become a keyframe after all; as it came
+  Eigen::Vector3d previous_rate = Eigen::Vector3d::Zero();  ///< to unroll it with
   std::optional<Keyframe::Origin> previous_origin;
   std::optional<SE3> velocity;  ///< motion of the camera in velocity_seconds, in its own frame
   double velocity_seconds = 1;
@@ -111,7 +114,8 @@ struct Tracker::Impl {
     double sigma = 0;
   };
   std::optional<Turned> turned;
-  FramePixels flat;    ///< the frame at hand, unrolled
+  FramePixels flat;    ///< the frame at hand, unrolled with flat_rate
+  Eigen::Vector3d flat_rate = Eigen::Vector3d::Zero();
   int looked_at = -1;  ///< keyframe whose pyramid this is: kept from frame to frame
   Pyramid looked_pyramid;
   ReadoutEstimate readout;
