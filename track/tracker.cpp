@@ -20,12 +20,17 @@ constexpr double kLittleVisible = 0.5;
 /// A frame without depth becomes a keyframe if features moved so much, as a share of the image's width, and if so few inliers,
 /// times min_inliers or of those visible, are left.
 constexpr double kSomeFlow = 0.03, kFewOfVisible = 0.5;
+/// Frames with depth may be rare: one takes over from a keyframe that lacks it when features moved so much.
+constexpr double kLittleFlow = 0.01;
 constexpr int kFewInliers = 3;
 /// A camera that went so far that the keyframe's depths are wrong by so many px shows it: features are found, but do not agree.
 /// Below a half of them would confirm no pose.
 constexpr double kCoarse = 1, kFewOfFound = 0.6;
 /// Of the features that a sensor leaves to be found, those that others may bring: what is new needs places, too.
 constexpr double kCarried = 0.6;
+/// Other places have less texture: where features dwindle, a frame without depth may be less sharp than its keyframe, but not
+/// than the frame before.
+constexpr double kAsSharp = 0.9;
 /// A frame that is so much sharper than its keyframe is the better one.
 constexpr double kMuchSharper = 1.3;
 
@@ -252,11 +257,15 @@ TrackResult Tracker::track(const TrackFrame& given) {
   // A sensor's depths are better than those by motion; without them features can only be carried over while they are found.
   const bool few = a.inliers < kFewInliers * m.options.min_inliers || a.inliers < kFewOfVisible * a.visible;
   const bool coarse = m.disagree(k, a);
-  const bool renew = seen.flow > kSomeFlow * m.camera.width && (frame.depth.empty() ? few : coarse || !k.with_depth);
+  const bool moved = seen.flow > kSomeFlow * m.camera.width;
+  const bool renew = frame.depth.empty() ? moved && few
+                                         : (moved && coarse) || (!k.with_depth && seen.flow > kLittleFlow * m.camera.width);
   if (little || renew || !found->confirmed || seen.visible < m.options.min_visible ||
       seen.flow > m.options.max_flow * m.camera.width) {
-    const double ratio = sharpness(grey_map(frame.image)) / k.sharpness;
-    if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper)) {
+    const double sharp = sharpness(grey_map(frame.image)), ratio = sharp / k.sharpness;
+    const auto as_the_last = [&] { return sharp > kAsSharp * sharpness(grey_map(m.previous.frame(m.camera).image)); };
+    if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper) ||
+        (found->confirmed && frame.depth.empty() && renew && as_the_last())) {
       unroll_frame();
       m.make_keyframe(frame, result.T_WC, origin, &*found, result);
     }
