@@ -49,6 +49,18 @@ TEST(Track, RenderedRoomsWithinHalfAPercentOfTheWay) {
   EXPECT_EQ(count, 60);
 }
 
+TEST(Track, DepthOfFewFramesIsEnough) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  for (const char* every : {"0", "5", "8", "10"}) {
+    const Finished f = run({"track", data, "--depth-sigma", "rendered", "--depth-every", every});
+    ASSERT_EQ(f.code, 0) << f.err;
+    EXPECT_NE(f.out.find("60 tracked"), std::string::npos) << "depth of one frame of " << every << ": " << f.out;
+    EXPECT_LT(number_after(f.out, "adjusted", "), "), 0.5) << every << ": " << f.out;
+  }
+}
+
 TEST(Track, AHandHeldCameraWithItsShutter) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tum_fr1_rpy_300");
