@@ -68,9 +68,7 @@ class CauchyReprojection {
 
   SE3 at(const double* step) const {
     const Eigen::Map<const Vector6d> xi(step);
-    SE3 d = turn(xi.tail<3>());
-    d.t = xi.head<3>();
-    return T_0_ * d;
+    return T_0_ * SE3{exp(Eigen::Vector3d::Zero(), xi.tail<3>()).R, xi.head<3>()};
   }
 
   bool operator()(const double* step, double* residuals, double* jacobian) const {
@@ -102,15 +100,13 @@ class CauchyReprojection {
   }
 
  private:
-  static SE3 turn(const Eigen::Vector3d& phi, const Eigen::Vector3d& rho = Eigen::Vector3d::Zero()) {
-    Vector6d xi;
-    xi << rho, phi;
-    return SE3::exp(xi);
+  static SE3 exp(const Eigen::Vector3d& rho, const Eigen::Vector3d& phi) {
+    return SE3::exp((Vector6d() << rho, phi).finished());
   }
   /// exp((phi + d)^) ~ exp(phi^) exp((J_r d)^): V of Exp, transposed.
   static Eigen::Matrix3d right_jacobian(const Eigen::Vector3d& phi) {
     Eigen::Matrix3d J;
-    for (int k = 0; k < 3; ++k) J.row(k) = turn(phi, Eigen::Vector3d::Unit(k)).t.transpose();
+    for (int k = 0; k < 3; ++k) J.row(k) = exp(Eigen::Vector3d::Unit(k), phi).t.transpose();
     return J;
   }
 
@@ -139,10 +135,10 @@ Solution solve(const Camera& camera, std::span<const internal::Observation> used
   solver.options.function_tolerance = 1e-8 * first.squaredNorm();
   solver.Solve(residuals, &step);
   s.T_10 = residuals.at(step.data());
-  s.ending.usable = s.T_10.R.allFinite() && s.T_10.t.allFinite();
-  s.ending.converged = solver.summary.status != ceres::TinySolver<CauchyReprojection>::HIT_MAX_ITERATIONS;
-  s.ending.iterations = std::min(solver.summary.iterations, iterations);
-  s.ending.message = "the pose is not finite";
+  s.ending = {.usable = s.T_10.R.allFinite() && s.T_10.t.allFinite(),
+              .converged = solver.summary.status != ceres::TinySolver<CauchyReprojection>::HIT_MAX_ITERATIONS,
+              .iterations = std::min(solver.summary.iterations, iterations),
+              .message = "the pose is not finite"};
   if (s.ending.usable) s.T_10.orthonormalize();
   return s;
 }

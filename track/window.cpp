@@ -47,7 +47,7 @@ void Tracker::Impl::connect(Keyframe& k, std::vector<Neighbour>& neighbours) {
   std::vector<Pair> pairs;
   std::vector<Neighbour*> of;
   for (Neighbour& n : neighbours) {
-    if (!confirmed(n.there)) continue;  // where one way fails, so does the other: 97 of 100
+    if (!confirmed(n.there)) continue;  // where one way fails, so does the other: 95 of 100
     const Keyframe& other = *keyframes.find(n.id);
     of.push_back(&n);
     pairs.push_back(pair_with(k.id, other.pixels.frame(camera), other.T_WC, false));
