@@ -27,11 +27,13 @@ struct Warped {
 
 inline Warped warp(const Camera& level_camera, const SE3& T_10, double u, double v, double q) {
   const Eigen::Vector3d ray((u - level_camera.cx) / level_camera.fx, (v - level_camera.cy) / level_camera.fy, 1.0);
-  const Eigen::Vector3d p = T_10.R * ray + q * T_10.t;  // the point, divided by its depth in camera 0
+  // By how far the point moves, divided by its depth in camera 0: where nothing has moved, (u, v) stays exactly where it is, and
+  // rounding does not decide which pixels of the border are seen.
+  const Eigen::Vector3d moved = (T_10.R - Eigen::Matrix3d::Identity()) * ray + q * T_10.t, p = ray + moved;
   Warped w;
   if (!(p.z() > 1e-6)) return w;
-  w.u = p.x() / p.z() * level_camera.fx + level_camera.cx;
-  w.v = p.y() / p.z() * level_camera.fy + level_camera.cy;
+  w.u = u + (moved.x() - moved.z() * ray.x()) * level_camera.fx / p.z();
+  w.v = v + (moved.y() - moved.z() * ray.y()) * level_camera.fy / p.z();
   w.visible = w.u >= 0 && w.v >= 0 && w.u <= level_camera.width - 1 && w.v <= level_camera.height - 1;
   return w;
 }

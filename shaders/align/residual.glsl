@@ -22,10 +22,13 @@ struct View {
 // camera 0.
 void target_at(View view, vec4 a, out vec2 top, out vec2 bottom, out vec2 f, out vec3 p, out bool visible) {
   vec2 focal = vec2(view.camera.fx, view.camera.fy), principal = vec2(view.camera.cx, view.camera.cy);
-  vec2 ray = (a.xy - principal) / focal;
-  p = view.pose.R * vec3(ray, 1.0) + a.z * view.pose.t;
-  float iz = 1.0 / p.z;
-  vec2 w = p.xy * iz * focal + principal;
+  vec3 ray = vec3((a.xy - principal) / focal, 1.0);
+  // By how far it moves, not where it falls: where nothing has moved yet it stays where it is whatever the device rounds, and the
+  // pixels of the border are not lost.
+  mat3 turn = view.pose.R - mat3(1.0);
+  vec3 moved = turn * ray + a.z * view.pose.t;
+  p = ray + moved;
+  vec2 w = a.xy + (moved.xy - moved.z * ray.xy) * focal / p.z;
   vec2 last = vec2(view.camera.last_u, view.camera.last_v);
   visible = a.z > 0.0 && p.z > ICLK_LEAST_DEPTH && w.x >= 0.0 && w.y >= 0.0 && w.x <= last.x && w.y <= last.y;
   // An invisible pixel reads a place that exists; its value is not used.
