@@ -46,7 +46,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       options(options_),
       solver(solver_),
       layout(plan, options, model.get(), context->storage_reads()),
-      sizes(context->info(), options, plan.max_pairs),
+      sizes(context->info(), options),
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
@@ -83,7 +83,7 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
                                                   const std::shared_ptr<const Model>& model, const Tuning& tuning) {
   checked(plan, options, solver, model.get());
   const internal::Layout layout(plan, options, model.get(), context.storage_reads());
-  const internal::WorkgroupSizes sizes(context.info(), options, plan.max_pairs);
+  const internal::WorkgroupSizes sizes(context.info(), options);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
   const internal::DeviceNetwork network(context, model, layout, plan, options, batch, tuning, ids.plan);

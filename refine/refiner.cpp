@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include <iclk/align/common/options_check.h>
+#include <iclk/refine/internal/each.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/internal/verdict.h>
@@ -136,6 +137,7 @@ void RefinerOptions::check() const {
   StructureOptions{pose, relative_sigma}.check();
   check_range("refine rounds", rounds, 1, 100);
   check_range("refine round_tolerance", round_tolerance, 0, 100);
+  check_range("refine threads", threads, 0, 1024);
   check_range("refine min_inliers", min_inliers, 4, 1e6);
   check_range("refine min_inlier_share", min_inlier_share, 0, 1);
   check_range("refine max_correction", max_correction, 0, 1e4);
@@ -198,8 +200,8 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
     std::vector<std::vector<AlignedFeature>> aligned = feature_aligner_->align(tasks);
     const double alignment_ms = alignment_time.ms() / static_cast<double>(tasks.size());
 
-    std::vector<size_t> moving;
-    for (size_t k = 0; k < active.size(); ++k) {
+    std::vector<char> moves(active.size());  // each written by its own thread
+    internal::for_each_of(active.size(), options_.threads, [&](size_t k) {
       const size_t i = active[k];
       RefinedAlignment& r = results[i];
       const bool same_set = round > 0 && aligned_set(r.features) == aligned_set(aligned[k]);
@@ -218,19 +220,22 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       pose_stage.ms += pose_time.ms();
       poses[i] = pose;
       // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
-      if (pose.inliers < options_.pose.min_features) continue;
+      if (pose.inliers < options_.pose.min_features) return;
       const std::vector<double> moved = motions(view(i), T[i], pose.T_10);
       T[i] = pose.T_10;
       const bool recoloured = found.weights != r.recolouring.weights;
       r.recolouring = found;  // what the next round sees
-      if (!(moved.back() <= options_.round_tolerance) || (round > 0 && !same_set) || recoloured) moving.push_back(i);
-    }
+      moves[k] = !(moved.back() <= options_.round_tolerance) || (round > 0 && !same_set) || recoloured;
+    });
+    std::vector<size_t> moving;
+    for (size_t k = 0; k < active.size(); ++k)
+      if (moves[k]) moving.push_back(active[k]);
     active = std::move(moving);
   }
 
-  for (size_t i = 0; i < pairs.size(); ++i) {
+  internal::for_each_of(pairs.size(), options_.threads, [&](size_t i) {
     RefinedAlignment& r = results[i];
-    if (r.rounds == 0) continue;
+    if (r.rounds == 0) return;
     const Matrix6d turn_share = options_.rolling_shutter ? unbend(view(i), options_.pose, r, poses[i]) : Matrix6d::Zero();
     const bool compatible = decide(view(i), poses[i], options_, r);
     if (!usable(r.status)) {  // T_10 stays ICLK's
@@ -242,12 +247,12 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
         r.turn.reset();
         r.features.clear();  // what was found is not where the pose puts it
       }
-      continue;
+      return;
     }
     r.refined = true;
     r.T_10 = poses[i].T_10;
     r.covariance = poses[i].covariance + turn_share;
-    if (!options_.structure) continue;
+    if (!options_.structure) return;
     const Stopwatch structure_time;
     StructureResult s = refine_structure(view(i).camera, view(i).features, straight(view(i), r), r.T_10,
                                          {options_.pose, options_.relative_sigma});
@@ -259,7 +264,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
       r.status = s.pose.status;
       r.reason = "structure: " + s.pose.reason;
       r.covariance.setZero();
-      continue;
+      return;
     }
     r.T_10 = s.pose.T_10;
     r.covariance = s.pose.covariance + turn_share;
@@ -267,7 +272,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
     r.inverse_depth_sigma = std::move(s.inverse_depth_sigma);
     r.inliers = s.pose.inliers;
     r.sigma = s.pose.sigma;
-  }
+  });
 }
 
 }  // namespace iclk

@@ -20,6 +20,10 @@ struct RefinerOptions {
   int rounds = 3;                 ///< of feature alignment and pose, at most
   double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
 
+  /// Threads that solve the poses of a batch, the caller's among them; 0: one a core that the process may use, at most one a
+  /// pair. The bits of a result do not depend on it.
+  int threads = 0;
+
   /// Where the features prove that the target is bent, since its camera turned otherwise than the reference's while the rows
   /// were read, the bend is taken out of their positions before the pose is stated. Where they do not, the covariance allows
   /// for it: pair_turn().

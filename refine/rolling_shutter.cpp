@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/shaders/refine/refine.h>
@@ -15,7 +16,8 @@ constexpr double kLeastZ = 1e-3;
 constexpr int kCell = 16;  // px between a grid's nodes: lenses bend less than a hundredth of a row in between
 
 Eigen::Matrix3d turned(const Eigen::Vector3d& phi) {
-  return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
+  const double angle = phi.norm();
+  return angle > 0 ? Eigen::AngleAxisd(angle, phi / angle).toRotationMatrix() : Eigen::Matrix3d::Identity();
 }
 
 /// Where camera 1 has the feature ahead at the time of its row.
@@ -90,44 +92,60 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const RowTimes& 
   if (sightings.size() < ICLK_TURN_SIGHTINGS) return {};
   using Vector9d = Eigen::Matrix<double, 9, 1>;
   using Matrix9d = Eigen::Matrix<double, 9, 9>;
+  struct Fixed {
+    Eigen::Vector3d ray;  // unrolled
+    double at;            // time of the row in the target
+  };
+  std::vector<Fixed> fixed;
+  fixed.reserve(sightings.size());
+  for (const RollingSighting& s : sightings)
+    fixed.push_back({turned(turn_0 * rows.at(s.uv0)) * camera.ray(s.uv0), rows.at(s.uv1)});
   TurnEstimate out;
   out.T_10 = T_10;
   const double prior = 1 / (prior_sigma * prior_sigma);
+  Eigen::LLT<Matrix9d> solver;
   for (int iteration = 0; iteration < ICLK_TURN_ITERATIONS; ++iteration) {
     const SE3& T = out.T_10;
     Matrix9d H = Matrix9d::Zero();
     Vector9d b = Vector9d::Zero();
-    for (const RollingSighting& s : sightings) {
-      const double q = s.inverse_depth, at = rows.at(s.uv1);
-      const Eigen::Vector3d ray = turned(turn_0 * rows.at(s.uv0)) * camera.ray(s.uv0);
+    for (size_t i = 0; i < sightings.size(); ++i) {
+      const RollingSighting& s = sightings[i];
+      const auto& [ray, at] = fixed[i];
       const Eigen::Matrix3d R = turned(-out.turn * at);
-      const Eigen::Vector3d p = seen(rows, T, out.turn, ray, s);
+      const Eigen::Vector3d straight = T.R * ray + s.inverse_depth * T.t, p = R * straight;
       if (!(p.z() > kLeastZ)) continue;
-      const Eigen::Matrix<double, 2, 3> J = camera.project_jacobian(p);
-      // What is wrong in a depth moves the feature along its epipolar line, as a turn would.
-      const Eigen::Vector2d moved = s.inverse_depth_sigma * (J * R * T.t);
-      const Eigen::LLT<Eigen::Matrix2d> noise(sigma * sigma * Eigen::Matrix2d::Identity() + moved * moved.transpose());
+      const Eigen::Matrix<double, 2, 3> J = camera.project_jacobian(p), JR = J * R, JRT = JR * T.R;
       Eigen::Matrix<double, 2, 9> A;  // [rho, phi] of the pose, turn
-      A << J * R * T.R * q, -J * R * T.R * hat(ray), at * J * hat(p);
-      noise.matrixL().solveInPlace(A);
-      const Eigen::Vector2d r = noise.matrixL().solve(s.uv1 - camera.project(p));
+      A << JRT * s.inverse_depth, -JRT * hat(ray), at * J * hat(p);
+      Eigen::Vector2d r = s.uv1 - camera.project(p);
+      if (s.inverse_depth_sigma > 0) {
+        // What is wrong in a depth moves the feature along its epipolar line, as a turn would.
+        const Eigen::Vector2d moved = s.inverse_depth_sigma * (JR * T.t);
+        const Eigen::LLT<Eigen::Matrix2d> noise(sigma * sigma * Eigen::Matrix2d::Identity() + moved * moved.transpose());
+        noise.matrixL().solveInPlace(A);
+        noise.matrixL().solveInPlace(r);
+      } else {
+        A /= sigma;
+        r /= sigma;
+      }
       const double w = 1 / (1 + r.squaredNorm() / (ICLK_TURN_CAUCHY * ICLK_TURN_CAUCHY));
-      H += w * A.transpose() * A;
-      b += w * A.transpose() * r;
+      const Eigen::Matrix<double, 9, 2> weighted = w * A.transpose();
+      H += weighted.lazyProduct(A);  // as a product of matrices that Eigen takes for large, half of the time
+      b += weighted.lazyProduct(r);
     }
     H.bottomRightCorner<3, 3>().diagonal().array() += prior;
     b.tail<3>() -= prior * out.turn;
-    const Eigen::LLT<Matrix9d> solver(H);
+    solver.compute(H);
     if (solver.info() != Eigen::Success) return {};
     const Vector9d step = solver.solve(b);
     if (!step.allFinite()) return {};
     out.T_10 = T * SE3::exp(step.head<6>());
     out.turn += step.tail<3>();
-    const Matrix9d C = solver.solve(Matrix9d::Identity());
-    const Eigen::Matrix<double, 6, 3> cross = C.topRightCorner<6, 3>();
-    out.covariance = C.bottomRightCorner<3, 3>();
-    out.pose_share = cross * out.covariance.llt().solve(cross.transpose());
   }
+  const Matrix9d C = solver.solve(Matrix9d::Identity());
+  const Eigen::Matrix<double, 6, 3> cross = C.topRightCorner<6, 3>();
+  out.covariance = C.bottomRightCorner<3, 3>();
+  out.pose_share = cross * out.covariance.llt().solve(cross.transpose());
   return out;
 }
 

@@ -57,7 +57,7 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
 /// Invocations a workgroup by what the device is: a CPU runs one SIMD vector at a time and pays for every masked lane. Powers
 /// of two, and never more than the device has.
 struct WorkgroupSizes {
-  WorkgroupSizes(const engine::DeviceInfo& device, const AlignerOptions& options, int max_pairs);
+  WorkgroupSizes(const engine::DeviceInfo& device, const AlignerOptions& options);
   uint32_t iterate;         // sums with a reduction
   uint32_t map;             // one invocation a pixel, block or element
   uint32_t weights;         // one workgroup a pair

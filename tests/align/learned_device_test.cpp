@@ -154,7 +154,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const Camera camera = golden.camera();
 
   const internal::Layout layout(plan, options, model.get());
-  const internal::WorkgroupSizes sizes(context->info(), options, 1);
+  const internal::WorkgroupSizes sizes(context->info(), options);
   const internal::Kernels kernels(context, plan, options, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
   internal::DeviceNetwork network(*context, model, layout, plan, options, 1, {}, ids.plan);

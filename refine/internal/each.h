@@ -1,0 +1,25 @@
+#pragma once
+#include <algorithm>
+#include <cstddef>
+#include <future>
+#include <thread>
+#include <vector>
+
+namespace iclk::internal {
+
+/// Calls each(0) to each(n - 1), every one once, in up to `threads` threads of which this is one; 0: as many as this process
+/// may use cores. Rethrows what one of them throws when all have ended. Precondition: calls may run at once.
+template <class Each>
+void for_each_of(size_t n, int threads, const Each& each) {
+  const size_t cores = threads > 0 ? static_cast<size_t>(threads) : std::max(1u, std::thread::hardware_concurrency());
+  const size_t parts = std::min(n, cores);
+  const auto part = [&](size_t first) {
+    for (size_t i = first; i < n; i += parts) each(i);
+  };
+  std::vector<std::future<void>> others;
+  for (size_t k = 1; k < parts; ++k) others.push_back(std::async(std::launch::async, part, k));
+  if (parts > 0) part(0);
+  for (std::future<void>& other : others) other.get();
+}
+
+}  // namespace iclk::internal
