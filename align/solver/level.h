@@ -27,8 +27,8 @@ struct Warped {
 
 inline Warped warp(const Camera& level_camera, const SE3& T_10, double u, double v, double q) {
   const Eigen::Vector3d ray((u - level_camera.cx) / level_camera.fx, (v - level_camera.cy) / level_camera.fy, 1.0);
-  // By how far the point moves, divided by its depth in camera 0: where nothing has moved, (u, v) stays exactly where it is, and
-  // rounding does not decide which pixels of the border are seen.
+  // By how far the point moves, divided by its depth in camera 0: where nothing has moved, (u, v) stays exactly where it is,
+  // and rounding does not decide which pixels of the border are seen.
   const Eigen::Vector3d moved = (T_10.R - Eigen::Matrix3d::Identity()) * ray + q * T_10.t, p = ray + moved;
   Warped w;
   if (!(p.z() > 1e-6)) return w;

@@ -23,8 +23,8 @@ struct View {
 void target_at(View view, vec4 a, out vec2 top, out vec2 bottom, out vec2 f, out vec3 p, out bool visible) {
   vec2 focal = vec2(view.camera.fx, view.camera.fy), principal = vec2(view.camera.cx, view.camera.cy);
   vec3 ray = vec3((a.xy - principal) / focal, 1.0);
-  // By how far it moves, not where it falls: where nothing has moved yet it stays where it is whatever the device rounds, and the
-  // pixels of the border are not lost.
+  // By how far it moves, not where it falls: where nothing has moved yet it stays where it is whatever the device rounds, and
+  // the pixels of the border are not lost.
   mat3 turn = view.pose.R - mat3(1.0);
   vec3 moved = turn * ray + a.z * view.pose.t;
   p = ray + moved;
