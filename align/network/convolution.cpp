@@ -9,7 +9,7 @@
 
 #include "conv_border.comp.spv.h"
 #include "conv_direct.comp.spv.h"
-#include "conv_direct_plain.comp.spv.h"
+#include "conv_direct_shared.comp.spv.h"
 #include "winograd4_fused.comp.spv.h"
 #include "winograd4_input.comp.spv.h"
 #include "winograd4_product.comp.spv.h"
@@ -69,6 +69,11 @@ uint32_t item_blocks(const ConvStep& step, uint64_t groups) {
   return static_cast<uint32_t>(std::min(most_item_blocks(step), (blocks + parts - 1) / parts));
 }
 
+// Invocations a column of the image that make `rows` pixels each.
+uint64_t invocations(uint32_t height, uint32_t dilation, uint32_t rows) {
+  return static_cast<uint64_t>(engine::groups_for(height, rows * dilation)) * dilation;
+}
+
 }  // namespace
 
 uint64_t TensorLayout::texels() const {
@@ -101,7 +106,9 @@ ChannelSums channel_sums(const ConvStep& step, Precision precision) {
 ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle,
                          Precision precision)
     : precision_(precision),
-      direct_lanes_(context->info().type == engine::DeviceType::cpu ? 32 : 64),
+      cpu_(context->info().type == engine::DeviceType::cpu),
+      direct_lanes_(cpu_ ? 32 : 128),
+      column_lanes_(cpu_ ? 32 : 64),
       product_lanes_(product_lanes(context->info().type)) {
   using enum engine::BindingKind;
   using Spirv = engine::ShaderCode;
@@ -110,19 +117,21 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   wanted.add(
       border_,
       {"encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}});
-  const auto columns = [&](engine::Kernel& kernel, Spirv spirv) {
-    wanted.add(kernel,
-               {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), {direct_lanes_, half}});
+  const auto columns = [&](engine::Kernel& kernel, Spirv spirv, std::vector<uint32_t> constants) {
+    wanted.add(kernel, {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), constants});
   };
   constexpr uint32_t kWinogradBytes = sizeof(shaders::WinogradPush);
   const auto choose = [&](Spirv shared, Spirv plain) { return shuffle ? shared : plain; };
   for (const ConvStep& step : steps) switch (step.variant) {
-      case ConvVariant::direct: columns(direct_, choose(conv_direct_comp_spv, conv_direct_plain_comp_spv)); break;
+      case ConvVariant::direct:
+        columns(direct_[direct_rows(step) - 1], shuffle && cpu_ ? conv_direct_comp_spv : conv_direct_shared_comp_spv,
+                {direct_lanes_, half, direct_rows(step)});
+        break;
       case ConvVariant::winograd4x1:
         if (step.fused)
           wanted.add(fused_columns_[FusedColumns::kernel_of(step)], FusedColumns::description(step, precision));
         else
-          columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv));
+          columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv), {column_lanes_, half});
         break;
       case ConvVariant::winograd4:
         if (step.fused) {
@@ -143,6 +152,17 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
         break;
     }
   wanted.make();
+}
+
+// Tall tiles have the fewest fetches; small images have too few of them to keep a GPU busy. By one image, so that the bits do
+// not depend on how many there are.
+uint32_t ConvKernels::direct_rows(const ConvStep& step) const {
+  constexpr uint64_t kBusy = 32768;
+  if (cpu_) return ICLK_CONV_ROWS;
+  const uint64_t columns = static_cast<uint64_t>(step.out.width) * engine::groups_for(step.out.channels, kBlock);
+  uint32_t rows = ICLK_CONV_ROWS;
+  while (rows > 1 && invocations(step.out.height, step.dilation, rows) * columns < kBusy) rows /= 2;
+  return rows;
 }
 
 uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context& context) {
@@ -212,10 +232,11 @@ void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& ste
   shaders::ConvPush push{};
   set_layer(push, step, step.dilation * (step.in.pitch() + 1), step.out);
   const bool direct = step.variant == ConvVariant::direct;
-  const uint32_t tall = direct ? ICLK_CONV_ROWS : 4 * ICLK_COLUMN_TILES;
-  const uint64_t rows = static_cast<uint64_t>(engine::groups_for(push.height, tall * push.dilation)) * push.dilation;
-  recorder.dispatch(direct ? direct_ : column_, {&in, &weights, &out}, push,
-                    spread(engine::groups_for(step.out.channels, kBlock), rows * push.width * push.images, direct_lanes_));
+  const uint32_t tall = direct ? direct_rows(step) : 4 * ICLK_COLUMN_TILES;
+  recorder.dispatch(direct ? direct_[tall - 1] : column_, {&in, &weights, &out}, push,
+                    spread(engine::groups_for(step.out.channels, kBlock),
+                           invocations(push.height, push.dilation, tall) * push.width * push.images,
+                           direct ? direct_lanes_ : column_lanes_));
 }
 
 void ConvKernels::record_start(engine::Recorder& recorder, const engine::Buffer& scratch) const {
@@ -235,7 +256,8 @@ void ConvKernels::record_borders(engine::Recorder& recorder, const TensorLayout&
 void ConvKernels::add_to(engine::ArenaSize& size) const {
   // The activations go to and fro between two buffers.
   size.add(border_, 2);
-  if (direct_) size.add(direct_, 2);
+  for (const engine::Kernel& kernel : direct_)
+    if (kernel) size.add(kernel, 2);
   if (column_) size.add(column_, 2);
   fused_columns_.add_to(size);
   if (tile_input_) size.add(tile_input_, 2);
@@ -245,7 +267,7 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
 
 uint64_t conv_shader_hash() {
   uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
-  const engine::ShaderCode all[] = {conv_direct_comp_spv,     conv_direct_plain_comp_spv, winograd4_fused_comp_spv,
+  const engine::ShaderCode all[] = {conv_direct_comp_spv,     conv_direct_shared_comp_spv, winograd4_fused_comp_spv,
                                     winograd4_input_comp_spv, winograd4_product_comp_spv, winograd4_product_plain_comp_spv,
                                     winograd4x1_comp_spv,     winograd4x1_fused_comp_spv, winograd4x1_plain_comp_spv};
   for (const engine::ShaderCode& code : all)

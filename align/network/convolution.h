@@ -62,9 +62,13 @@ class ConvKernels {
   void record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
                     const engine::Buffer& out, const engine::Buffer& scratch) const;
 
+  /// Pixels of a column that an invocation of the direct kernel makes.
+  uint32_t direct_rows(const ConvStep& step) const;
+
   Precision precision_;
-  uint32_t direct_lanes_, product_lanes_;
-  engine::Kernel border_, direct_, column_;
+  bool cpu_;
+  uint32_t direct_lanes_, column_lanes_, product_lanes_;
+  engine::Kernel border_, direct_[ICLK_CONV_ROWS], column_;  // direct_[rows - 1]
   FusedColumns fused_columns_;
   engine::Kernel tile_input_, tile_product_[2], tile_fused_[2];  // [1]: reduced
 };

@@ -5,7 +5,7 @@
 #include <iclk/shaders/shared.h>
 
 #include "conv_patch.comp.spv.h"
-#include "conv_patch_plain.comp.spv.h"
+#include "conv_patch_shared.comp.spv.h"
 #include "m_estimator_input.comp.spv.h"
 #include "m_estimator_patch.comp.spv.h"
 #include "m_estimator_weights.comp.spv.h"
@@ -128,8 +128,7 @@ uint32_t MEstimator::patches_per_pair(int level, uint32_t features) const {
                 : std::min(features, max_features_);
 }
 
-void MEstimator::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle,
-                      uint32_t sum_lanes) {
+void MEstimator::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, uint32_t sum_lanes) {
   using enum engine::BindingKind;
   PackedWeights packed;
   for (size_t i = 0; i < layers_.size(); ++i) layers_[i].packed = packed.add(model_->m_estimator[i], ConvVariant::direct);
@@ -148,7 +147,8 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
              {storage_read, storage_read, storage_read, texel_read, texel_read, storage_write, storage_write},
              bytes,
              {kLanes}}};
-  const engine::ShaderCode convolution = shuffle ? conv_patch_comp_spv : conv_patch_plain_comp_spv;
+  const bool shuffle = context->info().type == engine::DeviceType::cpu && can_shuffle(context->info());
+  const engine::ShaderCode convolution = shuffle ? conv_patch_comp_spv : conv_patch_shared_comp_spv;
   std::vector<Size> pieces{kPatch};
   for (const shaders::LevelInfo& level : levels_) pieces.push_back({level.width, level.height});
   for (const Layer& layer : layers_)

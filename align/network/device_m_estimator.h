@@ -17,7 +17,7 @@ class MEstimator {
 
   /// Makes the kernels and writes the weights. `memory` is a workspace of that plan; `sum_lanes`:
   /// WorkgroupSizes::iterate, by which weights are arranged.
-  void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, bool shuffle, uint32_t sum_lanes);
+  void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, uint32_t sum_lanes);
 
   /// The aligner's buffers that it reads, and the weights, which it writes.
   struct Buffers {

@@ -13,7 +13,7 @@ DeviceNetwork::DeviceNetwork(const engine::Context& context, const std::shared_p
 void DeviceNetwork::load(const std::shared_ptr<const engine::Context>& context, const engine::Workspace& memory,
                          uint32_t sum_lanes) {
   if (encoder) encoder->load(context, memory);
-  if (m_estimator) m_estimator->load(context, memory, can_shuffle(context->info()), sum_lanes);
+  if (m_estimator) m_estimator->load(context, memory, sum_lanes);
 }
 
 void DeviceNetwork::add_to(engine::ArenaSize& size) const {

@@ -20,7 +20,14 @@ void main() {
   vec4 acc[ICLK_CONV_ROWS][2];
   [[unroll]] for (int r = 0; r < R; ++r) acc[r][0] = acc[r][1] = vec4(0.0);
   uint c = 0u;
+#ifdef SHARED
+  ask_weights(w);
+#endif
   do {
+#ifdef SHARED
+    keep_weights(w);
+    if (c + 1u < push.in_planes) ask_weights(w + ICLK_PLANE_WEIGHTS);
+#endif
     int kx = 0;
     do {
       vec4 v[ICLK_CONV_ROWS + 2];

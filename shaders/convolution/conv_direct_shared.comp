@@ -1,0 +1,5 @@
+#version 460
+// Direct 3x3 convolution of whole maps, weights in shared memory: GPUs, and CPUs without subgroup shuffles. conv_direct.glsl.
+#extension GL_GOOGLE_include_directive : require
+#define SHARED
+#include "convolution/conv_direct.glsl"

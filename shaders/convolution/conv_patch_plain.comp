@@ -1,5 +1,0 @@
-#version 460
-// Direct 3x3 convolution of patches of a level for devices without subgroup shuffles: conv_direct.glsl.
-#extension GL_GOOGLE_include_directive : require
-#define PATCHES
-#include "convolution/conv_direct.glsl"
