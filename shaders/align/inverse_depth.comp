@@ -22,9 +22,9 @@ void main() {
   LevelInfo from = levels[push.level - 1u];
   uint at = base + from.element_offset + 2u * (k / to.width) * from.width + 2u * (k % to.width);
   vec4 q = vec4(mask[at], mask[at + 1u], mask[at + from.width], mask[at + from.width + 1u]);
-  vec4 valid = vec4(greaterThan(q, vec4(0.0)));
-  float n = dot(valid, vec4(1.0));
-  vec4 low = mix(vec4(1e30), q, valid);
+  bvec4 valid = greaterThan(q, vec4(0.0));
+  float n = dot(vec4(valid), vec4(1.0));
+  vec4 low = mix(vec4(1e30), q, valid);  // chosen, not blended: 1e30 + (q - 1e30) is 0
   float least = min(min(low.x, low.y), min(low.z, low.w)), most = max(max(q.x, q.y), max(q.z, q.w));
   mask[base + to.element_offset + k] = n > 0.0 && most <= 1.1 * least ? ((q.x + q.y) + (q.z + q.w)) / n : 0.0;
 }
