@@ -4,8 +4,8 @@
 #include <chrono>
 #include <cmath>
 
+#include <iclk/align/common/each.h>
 #include <iclk/align/common/options_check.h>
-#include <iclk/refine/internal/each.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/internal/verdict.h>

@@ -3,8 +3,8 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
-#include <thread>
 
+#include <iclk/align/common/each.h>
 #include <iclk/engine/submission.h>
 
 #include "conv_border.comp.spv.h"
@@ -64,7 +64,7 @@ uint64_t most_item_blocks(const ConvStep& step) {
 
 // Fewer where there are not enough items for all threads; but each of them transforms its tiles anew.
 uint32_t item_blocks(const ConvStep& step, uint64_t groups) {
-  const uint64_t blocks = engine::groups_for(step.out.channels, kBlock), wanted = 2ull * std::thread::hardware_concurrency(),
+  const uint64_t blocks = engine::groups_for(step.out.channels, kBlock), wanted = 2 * cores(),
                  parts = std::clamp<uint64_t>((wanted + groups - 1) / groups, 1, blocks);
   return static_cast<uint32_t>(std::min(most_item_blocks(step), (blocks + parts - 1) / parts));
 }

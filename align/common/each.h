@@ -7,12 +7,17 @@
 
 namespace iclk::internal {
 
+/// Cores that this process may use, as it found them first: asking costs tens of microseconds.
+inline size_t cores() {
+  static const size_t known = std::max(1u, std::thread::hardware_concurrency());
+  return known;
+}
+
 /// Calls each(0) to each(n - 1), every one once, in up to `threads` threads of which this is one; 0: as many as this process
 /// may use cores. Rethrows what one of them throws when all have ended. Precondition: calls may run at once.
 template <class Each>
 void for_each_of(size_t n, int threads, const Each& each) {
-  const size_t cores = threads > 0 ? static_cast<size_t>(threads) : std::max(1u, std::thread::hardware_concurrency());
-  const size_t parts = std::min(n, cores);
+  const size_t parts = std::min(n, threads > 0 ? static_cast<size_t>(threads) : cores());
   const auto part = [&](size_t first) {
     for (size_t i = first; i < n; i += parts) each(i);
   };
