@@ -44,14 +44,7 @@ void main() {
   if (lm.done && !ends) return;  // the same for every lane
   if (lane < ICLK_SUM_VECTORS) {
     vec4 sum = vec4(0.0);
-    uint at = pair * push.groups * ICLK_SUM_VECTORS + lane, i = 0u;
-    for (; i + 4u <= push.groups; i += 4u) {  // four on their way at once, added in order
-      vec4 a = parts[at], b = parts[at + ICLK_SUM_VECTORS], c = parts[at + 2u * ICLK_SUM_VECTORS],
-           d = parts[at + 3u * ICLK_SUM_VECTORS];
-      sum = (((sum + a) + b) + c) + d;
-      at += 4u * ICLK_SUM_VECTORS;
-    }
-    for (; i < push.groups; ++i, at += ICLK_SUM_VECTORS) sum += parts[at];
+    for (uint i = 0u; i < push.groups; ++i) sum += parts[(pair * push.groups + i) * ICLK_SUM_VECTORS + lane];
     total[lane] = sum;
   }
   barrier();

@@ -106,14 +106,7 @@ void reduce_sums() {
   uint folds = min(lanes, ICLK_FOLD);
   for (uint n = lane; n < ICLK_SUM_VECTORS; n += lanes) {
     vec4 total = folded[n];
-    uint i = 1u;
-    for (; i + 4u <= folds; i += 4u) {  // four on their way at once, added in order
-      uint at = i * ICLK_SUM_VECTORS + n;
-      vec4 a = folded[at], b = folded[at + ICLK_SUM_VECTORS], c = folded[at + 2u * ICLK_SUM_VECTORS],
-           d = folded[at + 3u * ICLK_SUM_VECTORS];
-      total = (((total + a) + b) + c) + d;
-    }
-    for (; i < folds; ++i) total += folded[i * ICLK_SUM_VECTORS + n];
+    for (uint i = 1u; i < folds; ++i) total += folded[i * ICLK_SUM_VECTORS + n];
     folded[n] = total;  // column n of lane 0 is read by this lane only
   }
   barrier();

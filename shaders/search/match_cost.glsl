@@ -13,25 +13,8 @@ MatchView match_view(uint pair, ReferenceInfo r) {
                    ICLK_MATCH_TOLERANCE * float(push.scale));
 }
 
-#ifdef KEEPS_CORRESPONDENCES
-// In shared memory, for who goes through them again and again with few lanes: on a GPU nothing else hides how long a fetch takes.
-shared vec4 kept_points[ICLK_MATCH_FEATURES];
-shared vec2 kept_pixels[ICLK_MATCH_FEATURES];
-vec4 point_of(MatchView view, int k) { return kept_points[k]; }
-vec2 pixel_of(MatchView view, int k) { return kept_pixels[k]; }
-// All lanes must call it.
-void keep_correspondences(MatchView view) {
-  for (int k = int(gl_LocalInvocationIndex); k < view.count; k += int(gl_WorkGroupSize.x)) {
-    int at = view.header + 2 * (k + 1);
-    kept_points[k] = TEXEL(correspondences, at);
-    kept_pixels[k] = TEXEL(correspondences, at + 1).xy;
-  }
-  barrier();
-}
-#else
 vec4 point_of(MatchView view, int k) { return TEXEL(correspondences, view.header + 2 * (k + 1)); }
 vec2 pixel_of(MatchView view, int k) { return TEXEL(correspondences, view.header + 2 * (k + 1) + 1).xy; }
-#endif
 
 // Pixel minus projection; a point behind the camera is far off.
 vec2 match_residual(MatchView view, Pose T, int k, out vec3 seen) {

@@ -17,7 +17,6 @@ layout(set = 0, binding = 3, std430) readonly buffer Hypotheses { vec4 hypothese
 layout(set = 0, binding = 4, std430) buffer Starts { PairInfo starts[]; };  // of a pair: its own guess first
 layout(push_constant) uniform Push { MatchPush push; };
 #include "se3.glsl"
-#define KEEPS_CORRESPONDENCES
 #include "search/match_cost.glsl"
 #include "search/match_pair.glsl"
 
@@ -82,7 +81,6 @@ void main() {
   if (!takes_part(pair)) return;
   ReferenceInfo reference = references[pairs[pair].reference];
   MatchView view = match_view(pair, reference);
-  keep_correspondences(view);
   uint first = pair * ICLK_MATCH_HYPOTHESES, chosen = lane;
   float least = 1e30;
   for (uint i = lane; i < push.hypotheses; i += ICLK_MATCH_GROUP) {
