@@ -97,7 +97,7 @@ WorkgroupSizes::WorkgroupSizes(const engine::DeviceInfo& device, const AlignerOp
   // n / 8 * 5 / 4 rounds, and the weights of a level are as many as 11 evaluations.
   const auto evaluations = static_cast<uint32_t>(options.iterations) + 12;
   // A pair of iterate.comp is one workgroup. Larger levels are spread over a GPU, at two dispatches a step; on an H200 that is
-  // faster for one pair of 200 features (0.6 ms for 1.1) and for 16 (0.04 ms a pair for 0.08). By the plan's features alone, so
+  // faster for one pair of 200 features (0.5 ms for 0.8) and for 16 (0.04 ms a pair for 0.06). By the plan's features alone, so
   // that results depend neither on the pairs that a plan allows nor on how full a batch is.
   fused_elements = cpu ? std::min(16384u, 65535u * 8 * 4 / 5 / evaluations) : 4096u;
 }
