@@ -3,6 +3,7 @@
 //   - memory that is mapped must be host-visible and coherent, since iclk neither flushes nor invalidates;
 //   - VK_KHR_portability_subset must be enabled where it is offered;
 //   - workgroups must not have more invocations than the device.
+// Shaders of profiles that say so compute as GPUs do (arithmetic.h).
 // Buffers get the profile's alignment and a size to match, so that places that were computed wrongly overlap.
 #include <algorithm>
 #include <cstdio>
@@ -15,6 +16,7 @@
 
 #include <vulkan/vk_layer.h>
 
+#include "arithmetic.h"
 #include "chain.h"
 #include "profiles.h"
 
@@ -286,6 +288,18 @@ VKAPI_ATTR VkResult VKAPI_CALL create_pipelines(VkDevice device, VkPipelineCache
                                                                                                   allocator, pipelines);
 }
 
+VKAPI_ATTR VkResult VKAPI_CALL create_module(VkDevice device, const VkShaderModuleCreateInfo* info,
+                                             const VkAllocationCallbacks* allocator, VkShaderModule* module) {
+  VkShaderModuleCreateInfo real = *info;
+  std::vector<uint32_t> words;
+  if (shown().rounds_as_gpus) {
+    words = as_gpus_round({info->pCode, info->codeSize / 4});
+    real.pCode = words.data();
+    real.codeSize = words.size() * 4;
+  }
+  return devices().of(device)->function<PFN_vkCreateShaderModule>("vkCreateShaderModule")(device, &real, allocator, module);
+}
+
 struct Hook {
   const char* name;
   PFN_vkVoidFunction function;
@@ -313,6 +327,7 @@ PFN_vkVoidFunction hook(const char* name, bool of_device) {
       HOOK("vkGetBufferMemoryRequirements2KHR", get_requirements2, true),
       HOOK("vkAllocateMemory", allocate, true),
       HOOK("vkMapMemory", map_memory, true),
+      HOOK("vkCreateShaderModule", create_module, true),
       HOOK("vkCreateComputePipelines", create_pipelines, true),
   };
 #undef HOOK

@@ -29,7 +29,8 @@ std::vector<Profile> make() {
       {"nvidia", discrete, 0x10de, v1_3, 1u << 27, 1024, 49152, 1u << 20, 256, 4 * GiB - 1, 4 * GiB, 16, 16, 64, all, true,
        false,
        {{8 * GiB, device}, {16 * GiB, 0}, {256 * MiB, device}},
-       {{0, 1}, {local, 0}, {visible | coherent, 1}, {visible | coherent | cached, 1}, {local | visible | coherent, 2}}},
+       {{0, 1}, {local, 0}, {visible | coherent, 1}, {visible | coherent | cached, 1}, {local | visible | coherent, 2}},
+       true},
       // RDNA 2, RADV; the order is that of its types, the uncached ones last.
       {"amd", discrete, 0x1002, v1_3, UINT32_MAX, 1024, 65536, 1u << 23, 256, 4 * GiB - 1, 4 * GiB, 4, 4, 64, all, true, false,
        {{16 * GiB, 0}, {8 * GiB - 256 * MiB, device}, {256 * MiB, device}},

@@ -21,6 +21,7 @@ struct Profile {
   bool timestamps, portability_subset;
   std::vector<VkMemoryHeap> heaps;
   std::vector<VkMemoryType> types;
+  bool rounds_as_gpus = false;  ///< arithmetic.h; three times as slow
 };
 
 const std::vector<Profile>& profiles();
