@@ -30,15 +30,15 @@ enum Op : uint32_t {
   kMatrixTimesVector = 145,
   kDot = 148,
   kSelect = 169,
-  kFOrdEqual = 180,
+  kFOrdLessThan = 184,
 };
-constexpr uint32_t kNoContraction = 42, kSqrt = 31, kInverseSqrt = 32, kFMix = 46;
+constexpr uint32_t kNoContraction = 42, kFAbs = 4, kSqrt = 31, kInverseSqrt = 32, kFMax = 40, kFMix = 46;
 
 /// A float, or a vector of them, with what is needed to compute with it.
 struct Type {
   uint32_t size = 1;       // components
   uint32_t condition = 0;  // bool, or a vector of them
-  uint32_t zero = 0, one = 0, splitter = 0, last_digit = 0;
+  uint32_t zero = 0, one = 0, splitter = 0, last_digit = 0, large = 0;
 };
 
 class Rewriter {
@@ -47,6 +47,7 @@ class Rewriter {
 
   std::vector<uint32_t> run() {
     look();
+    if (!glsl_) return {in_.begin(), in_.end()};
     out_.assign(in_.begin(), in_.begin() + 5);
     bool in_functions = false;
     for (size_t at = 5; at < in_.size(); at += in_[at] >> 16) {
@@ -122,6 +123,7 @@ class Rewriter {
       type.one = constant(id, type.size, 1);
       type.splitter = constant(id, type.size, 4097);
       type.last_digit = constant(id, type.size, 1 + 0x1p-23f);
+      type.large = constant(id, type.size, 1e30f);
     }
   }
 
@@ -132,7 +134,14 @@ class Rewriter {
     return {high, make(kFSub, type, a, high)};
   }
 
-  /// What the product a b lacks; nothing where that is not finite.
+  uint32_t absolute(uint32_t type, uint32_t a) {
+    const uint32_t id = bound_++;
+    put(kExtInst, {type, id, glsl_, kFAbs, a});
+    return id;
+  }
+
+  /// What the product a b lacks; nothing where one of them is so large that it cannot be halved. (e == e and e - e == 0 do not
+  /// tell: Mesa takes them for true.)
   uint32_t lost(uint32_t type, uint32_t product, uint32_t a, uint32_t b) {
     const auto [ah, al] = halves(type, a);
     const auto [bh, bl] = halves(type, b);
@@ -140,9 +149,14 @@ class Rewriter {
     e = make(kFAdd, type, e, make(kFMul, type, ah, bl));
     e = make(kFAdd, type, e, make(kFMul, type, al, bh));
     e = make(kFAdd, type, e, make(kFMul, type, al, bl));
-    const uint32_t finite = make(kFOrdEqual, types_[type].condition, make(kFSub, type, e, e), types_[type].zero);
-    const uint32_t id = bound_++;
-    put(kSelect, {type, id, finite, e, types_[type].zero});
+    uint32_t largest = absolute(type, product);
+    for (const uint32_t factor : {a, b}) {
+      const uint32_t most = bound_++;
+      put(kExtInst, {type, most, glsl_, kFMax, largest, absolute(type, factor)});
+      largest = most;
+    }
+    const uint32_t small = make(kFOrdLessThan, types_[type].condition, largest, types_[type].large), id = bound_++;
+    put(kSelect, {type, id, small, e, types_[type].zero});
     return id;
   }
 

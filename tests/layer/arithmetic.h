@@ -13,7 +13,7 @@ namespace iclk::test {
 ///   mix(x, y, a)   is x + (y - x) a
 ///   dot(a, b), M v   are sums of such products in turn
 /// Of 32-bit floats and their vectors. Products of matrices stay as they are, and what is decorated NoContraction.
-/// Precondition: a valid module.
+/// Modules that use none of GLSL.std.450 stay as they are, too. Precondition: a valid module.
 std::vector<uint32_t> as_gpus_round(std::span<const uint32_t> words);
 
 }  // namespace iclk::test
