@@ -9,6 +9,7 @@
 #include <iclk/align/pyramid.h>
 
 #if defined(__x86_64__) && defined(__GNUC__)
+#include <cpuid.h>
 #include <tmmintrin.h>
 #endif
 
@@ -56,7 +57,10 @@ template <bool kSwap>
 }
 template <bool kSwap>
 int whole_fours(const uint8_t* p, int width, uint8_t* out) {
-  static const bool can = __builtin_cpu_supports("ssse3");
+  static const bool can = [] {
+    unsigned a = 0, b = 0, c = 0, d = 0;
+    return __get_cpuid(1, &a, &b, &c, &d) != 0 && (c & bit_SSSE3) != 0;
+  }();
   return can ? four_at_a_time<kSwap>(p, width, out) : 0;
 }
 #else

@@ -71,13 +71,14 @@ TEST_P(LearnedDevice, EveryIteration) {
   ASSERT_EQ(a.levels.size(), static_cast<size_t>(levels));
   for (const LevelTrace& trace : a.levels) {
     ASSERT_EQ(trace.iterations.size(), 10u);
-    // Random weights make coarse maps that hardly differ, and a step is known no better than the residual it comes from.
+    // Random weights make coarse maps that hardly differ, and a step is known no better than the residual it comes from. Where
+    // products that are added are not rounded, that is 1.6e-3 of the motion; lavapipe has 1e-3.
     const auto& residual = golden.level(trace.level, "residual_start").data;
     const double rounding = 1e-6 * largest(golden.level(trace.level, "f0").data) / largest(residual);
     for (size_t i = 0; i < 10; ++i) {
       const SE3 expected =
           Golden::pose(&golden.level(trace.level, "R").data[9 * i], &golden.level(trace.level, "t").data[3 * i]);
-      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), (1e-3 + rounding) * motion)
+      EXPECT_LT((trace.iterations[i].T_10.t - expected.t).norm(), (2e-3 + rounding) * motion)
           << "level " << trace.level << " iteration " << i;
       EXPECT_LT((trace.iterations[i].T_10.R - expected.R).norm(), 1e-4) << "level " << trace.level << " iteration " << i;
     }
