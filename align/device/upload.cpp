@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cmath>
 #include <cstring>
 
@@ -78,10 +77,8 @@ void bytes_to_four(const ImageView& image, int v, uint8_t* out) {
   if constexpr (N == 3) u = whole_fours<kSwap>(p, image.width, out);
   for (; u < image.width; ++u) {
     const uint8_t* pixel = p + static_cast<size_t>(u) * N;
-    const uint32_t r = pixel[kSwap ? 2 : 0], g = pixel[N == 1 ? 0 : 1], b = pixel[N == 1 || kSwap ? 0 : 2];
-    const uint32_t word = 0xff000000u | b << 16 | g << 8 | r;  // written at once: single bytes are slow where nothing is cached
-    static_assert(std::endian::native == std::endian::little);
-    std::memcpy(out + 4 * static_cast<size_t>(u), &word, 4);
+    const std::array<uint8_t, 4> four{pixel[kSwap ? 2 : 0], pixel[N == 1 ? 0 : 1], pixel[N == 1 || kSwap ? 0 : 2], 255};
+    std::memcpy(out + 4 * static_cast<size_t>(u), four.data(), 4);  // at once: single bytes are slow where nothing is cached
   }
 }
 
