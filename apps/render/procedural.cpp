@@ -2,10 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <string>
-#include <thread>
 
+#include <iclk/align/common/each.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {
@@ -196,15 +195,6 @@ class Landscape {
   uint32_t salt_;
 };
 
-void over_rows(int rows, int threads, const std::function<void(int)>& row) {
-  if (threads <= 0) threads = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-  std::vector<std::jthread> pool;
-  for (int t = 0; t < threads; ++t)
-    pool.emplace_back([=, &row] {
-      for (int v = t; v < rows; v += threads) row(v);
-    });
-}
-
 }  // namespace
 
 void ProceduralOptions::check() const {
@@ -233,7 +223,8 @@ Terrain procedural_terrain(const ProceduralOptions& options) {
 
   const Grid& r = terrain.relief;
   terrain.height.resize(static_cast<size_t>(r.width) * static_cast<size_t>(r.height));
-  over_rows(r.height, options.threads, [&](int v) {
+  internal::for_each_of(static_cast<size_t>(r.height), options.threads, [&](size_t row) {
+    const int v = static_cast<int>(row);
     for (int u = 0; u < r.width; ++u)
       terrain.height[static_cast<size_t>(v) * static_cast<size_t>(r.width) + static_cast<size_t>(u)] =
           static_cast<float>(landscape.surface(r.left + (u + 0.5) * r.step_x, r.top - (v + 0.5) * r.step_y));
@@ -242,7 +233,8 @@ Terrain procedural_terrain(const ProceduralOptions& options) {
   const Grid& m = terrain.mosaic;
   terrain.rgba.resize(static_cast<size_t>(m.width) * static_cast<size_t>(m.height));
   const Vector3d sun = Vector3d(-0.5, 0.45, 0.74).normalized();
-  over_rows(m.height, options.threads, [&](int v) {
+  internal::for_each_of(static_cast<size_t>(m.height), options.threads, [&](size_t row) {
+    const int v = static_cast<int>(row);
     for (int u = 0; u < m.width; ++u) {
       const double x = m.left + (u + 0.5) * m.step_x, y = m.top - (v + 0.5) * m.step_y, d = r.step_x;
       const auto h = [&](double dx, double dy) { return terrain.height_at(x + dx, y + dy).value_or(0); };

@@ -5,8 +5,8 @@
 
 namespace iclk::test {
 
-/// The SPIR-V module `words` with arithmetic as GPUs have it, in operations that a CPU device rounds one by one. Vulkan allows
-/// all of it, and NVIDIA's H200 did all of it but the last digit of roots:
+/// The SPIR-V module `words` with arithmetic as GPUs may have it, in operations that a CPU device rounds one by one; what an
+/// H200 showed of it stands in docs/notes/2026-11-first-gpu.md:
 ///   a * b + c   is rounded once, not twice (the product's rounding error is added: Dekker 1971)
 ///   a / b       is a times a reciprocal that is off by its last digit
 ///   sqrt(a), inversesqrt(a)   are off by their last digit
