@@ -52,6 +52,13 @@ internal::ConvStep step_of(const ConvShape& shape, ConvVariant variant, const en
   return step;
 }
 
+// Not so for want of what a device, its application or a build may do without, which is no failure. A CPU takes a minute to
+// compile it, and has no such units.
+bool is_there(const internal::ConvStep& step, const engine::Context& context) {
+  return step.variant != ConvVariant::cooperative ||
+         (context.info().type != engine::DeviceType::cpu && internal::CooperativeConv::can_run(step, context));
+}
+
 // As the finest levels have it, with rows of whole vec4.
 internal::MapPlace place_of(const internal::ConvStep& step) {
   const uint32_t width = step.out.width, height = step.out.height, pitch = (width + 3) / 4 * 4;
@@ -65,7 +72,11 @@ struct Kernels {
     for (ConvVariant variant : kConvVariants) {
       std::vector<internal::ConvStep> steps;
       for (const ConvShape& shape : shapes)
-        if (shape.precision == precision) steps.push_back(step_of(shape, variant, *context));
+        if (shape.precision == precision) {
+          const internal::ConvStep step = step_of(shape, variant, *context);
+          if (is_there(step, *context)) steps.push_back(step);
+        }
+      if (steps.empty()) continue;
       const auto failed = attempt([&] {
         convolutions.try_emplace(variant, context, std::span<const internal::ConvStep>(steps),
                                  internal::can_shuffle(context->info()), precision);
@@ -165,11 +176,13 @@ LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, con
       trials.erase(variant);
     }
   };
-  for (const auto& [variant, convolutions] : kernels.convolutions)
+  for (const auto& [variant, convolutions] : kernels.convolutions) {
+    if (!is_there(step_of(shape, variant, *context), *context)) continue;
     with(variant, [&] {
       // The first run, which compiles, does not count.
       trials.try_emplace(variant, context, kernels, convolutions, shape, variant, tensors).first->second.run();
     });
+  }
   // They take turns, so that what else the machine does for a while falls on all of them.
   for (int run = 0; run < repetitions; ++run)
     for (const auto& [variant, convolutions] : kernels.convolutions)
@@ -186,6 +199,7 @@ LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, con
       continue;
     }
     std::vector<double>& all = seconds[variant];
+    if (all.empty()) continue;
     std::sort(all.begin(), all.end());
     times.ways.push_back({variant, all[all.size() / 2], all.front()});
   }

@@ -18,8 +18,10 @@ enum class ConvVariant {
   direct,       ///< register tile; the fewest bytes
   winograd4,    ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
   winograd4x1,  ///< F(4x1, 3x3): 18 products for 4 pixels instead of 36, in a register tile as `direct` has
+  cooperative,  ///< products of matrices that a subgroup holds together, where the device and the build have them
 };
-constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1};
+constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1,
+                                         ConvVariant::cooperative};
 const char* name(ConvVariant variant);
 
 /// A layer of an encoder at the size at which it is computed, pixels, and the precision of what goes in and out. The last layer
@@ -68,7 +70,7 @@ struct LayerTimes {
   };
   ConvShape shape;
   std::vector<Way> ways;         ///< every variant that the device can run; one at least
-  std::vector<Dropped> dropped;  ///< the others
+  std::vector<Dropped> dropped;  ///< the others, but for `cooperative` where there are no matrices for it
 
   const Way& fastest() const;                 ///< by its least time
   const Way* way(ConvVariant variant) const;  ///< null where it was dropped

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include <iclk/engine/cooperative_matrices.h>
 #include <iclk/engine/device_ranking.h>
 #include <iclk/engine/requirements.h>
 #include <iclk/engine/vulkan_functions.h>
@@ -27,7 +28,8 @@ struct ContextOptions {
   /// Context::pipeline_cache_data() of an earlier run, so that pipelines need not be compiled again. Of another device or
   /// driver, or no cache at all: ignored. The driver reads it: take it from where you put it and nobody else writes.
   std::vector<uint8_t> pipeline_cache;
-  bool subgroups = true;  ///< false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
+  /// false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0), nor cooperative matrices
+  bool subgroups = true;
 };
 
 /// Memory that is asked of the application in vkAllocateMemory's place.
@@ -58,6 +60,8 @@ struct HostDevice {
   /// neither may call iclk, and unlock_queue may not throw.
   std::function<void()> lock_queue, unlock_queue;
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;  ///< null: the context makes its own
+  /// kMatrixExtensions and their features are enabled: Context::matrices() is what the device has.
+  bool cooperative_matrices = false;
   /// Where all memory of this context comes from and goes to. Both or neither: vkAllocateMemory. Called from whichever thread
   /// makes or destroys an object of iclk. allocate_memory returns a block without `memory` where there is none; free_memory may
   /// not throw.
@@ -107,6 +111,10 @@ class Context {
   /// CPU or integrated, with memory that is both the device's and the host's: buffers of MemoryKind::device are mapped.
   bool unified_memory() const { return unified_memory_; }
 
+  /// Cooperative matrices that kernels may use: enabled, and of halves. Own contexts enable them where the device, and the
+  /// validation layer if there is one, knows them.
+  const MatrixSize& matrices() const { return matrices_; }
+
   /// s: watchdogs of operating systems end what keeps a GPU for longer than about two. A Submission spreads what takes more.
   /// Infinite on CPU devices, which nobody watches.
   double longest_submission() const { return longest_submission_; }
@@ -144,6 +152,7 @@ class Context {
   bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false, storage_reads_ = false,
        unified_memory_ = false;
   DeviceInfo info_;
+  MatrixSize matrices_;
   VkPhysicalDeviceLimits limits_{};
   VkPhysicalDeviceMemoryProperties memory_{};
   VkDeviceSize max_allocation_ = 0;

@@ -125,7 +125,7 @@ struct Solution {
 Solution solve(const Camera& camera, std::span<const internal::Observation> used, const SE3& T_10, double scale,
                int iterations) {
   const CauchyReprojection residuals(camera, used, T_10, scale);
-  ceres::TinySolver<CauchyReprojection> solver;
+  ceres::TinySolver<CauchyReprojection> solver{};  // GCC 14 warns of its cost, which a first residual that failed would leave
   Eigen::VectorXd first(residuals.NumResiduals());
   Vector6d step = Vector6d::Zero();
   Solution s{T_10, {.message = "a feature lies behind the camera"}};

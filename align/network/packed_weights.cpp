@@ -35,12 +35,12 @@ Matrix kernel_transform() {
   return G;
 }
 
-// The weights of one pair of channels, as many as positions(): columns of the kernel first for `direct`, each times G for
+// The weights of one pair of channels, as many as positions(): columns of the kernel first where it is plain, each times G for
 // `winograd4x1`, else G g G^T.
 std::array<float, 36> transformed(const float* g, ConvVariant variant, const Matrix& G) {
   std::array<float, 36> out{};
   const size_t m = G.size();
-  if (variant == ConvVariant::direct) {
+  if (of_plain_kernels(variant)) {
     for (size_t ky = 0; ky < 3; ++ky)
       for (size_t kx = 0; kx < 3; ++kx) out[3 * kx + ky] = g[3 * ky + kx];
     return out;
@@ -67,8 +67,9 @@ std::array<float, 36> transformed(const float* g, ConvVariant variant, const Mat
 }  // namespace
 
 bool of_whole_tiles(ConvVariant variant) { return variant == ConvVariant::winograd4; }
+bool of_plain_kernels(ConvVariant variant) { return variant == ConvVariant::direct || variant == ConvVariant::cooperative; }
 uint32_t positions(ConvVariant variant) {
-  if (variant == ConvVariant::direct) return 9;
+  if (of_plain_kernels(variant)) return 9;
   if (variant == ConvVariant::winograd4x1) return 18;
   return 36;
 }

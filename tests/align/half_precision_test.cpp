@@ -63,10 +63,12 @@ TEST_P(HalfEncoder, IsThePlainOneToTwoThousandthsOfTheRange) {
     }
   }
 }
-INSTANTIATE_TEST_SUITE_P(
-    Variants, HalfEncoder,
-    testing::Combine(testing::Values(ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1), testing::Bool()),
-    [](const auto& info) { return name(std::get<0>(info.param)) + std::string(std::get<1>(info.param) ? "" : "_plain"); });
+INSTANTIATE_TEST_SUITE_P(Variants, HalfEncoder,
+                         testing::Combine(testing::ValuesIn(kConvVariants),
+                                          testing::Bool()),  // cooperative: direct where there are no matrices
+                         [](const auto& info) {
+                           return name(std::get<0>(info.param)) + std::string(std::get<1>(info.param) ? "" : "_plain");
+                         });
 
 TEST(HalfPrecision, HalvesTheMemoryOfActivations) {
   ICLK_NEED_DEVICE();
