@@ -79,7 +79,7 @@ uint64_t invocations(uint32_t height, uint32_t dilation, uint32_t rows) {
 }  // namespace
 
 uint64_t TensorLayout::texels() const {
-  const uint64_t beyond = static_cast<uint64_t>(pitch()) * border * (ICLK_CONV_ROWS + 2) + pitch();
+  const uint64_t beyond = static_cast<uint64_t>(pitch()) * border * (ICLK_CONV_MOST_ROWS + 2) + pitch();
   return offset() + static_cast<uint64_t>(plane()) * planes() * images + beyond;
 }
 
@@ -108,12 +108,13 @@ ChannelSums channel_sums(const ConvStep& step, Precision precision) {
 ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle,
                          Precision precision)
     : precision_(precision),
-      cpu_(context->info().type == engine::DeviceType::cpu),
-      direct_lanes_(cpu_ ? 32 : 128),
-      column_lanes_(cpu_ ? 32 : 64),
+      type_(context->info().type),
+      direct_lanes_(type_ == engine::DeviceType::cpu ? 32 : 128),
+      column_lanes_(type_ == engine::DeviceType::cpu ? 32 : 64),
       product_lanes_(product_lanes(context->info().type)) {
   using enum engine::BindingKind;
   using Spirv = engine::ShaderCode;
+  const bool cpu = type_ == engine::DeviceType::cpu;
   const uint32_t half = precision == Precision::fp16;
   engine::KernelBatch wanted(context);
   wanted.add(
@@ -126,7 +127,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   const auto choose = [&](Spirv shared, Spirv plain) { return shuffle ? shared : plain; };
   for (const ConvStep& step : steps) switch (step.variant) {
       case ConvVariant::direct:
-        columns(direct_[direct_rows(step) - 1], shuffle && cpu_ ? conv_direct_comp_spv : conv_direct_shared_comp_spv,
+        columns(direct_[direct_rows(step) - 1], shuffle && cpu ? conv_direct_comp_spv : conv_direct_shared_comp_spv,
                 {direct_lanes_, half, direct_rows(step)});
         break;
       case ConvVariant::winograd4x1:
@@ -159,13 +160,13 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   wanted.make();
 }
 
-// Tall tiles have the fewest fetches; small images have too few of them to keep a GPU busy. By one image, so that the bits do
-// not depend on how many there are.
+// Tall tiles have the fewest fetches; small images have too few of them to keep a GPU busy, and what shares a chip with a CPU
+// has fewer registers. By one image, so that the bits do not depend on how many there are.
 uint32_t ConvKernels::direct_rows(const ConvStep& step) const {
   constexpr uint64_t kBusy = 32768;
-  if (cpu_) return ICLK_CONV_ROWS;
+  if (type_ == engine::DeviceType::cpu) return ICLK_CONV_ROWS;
   const uint64_t columns = static_cast<uint64_t>(step.out.width) * engine::groups_for(step.out.channels, kBlock);
-  uint32_t rows = ICLK_CONV_ROWS;
+  uint32_t rows = type_ == engine::DeviceType::discrete ? ICLK_CONV_MOST_ROWS : ICLK_CONV_ROWS;
   while (rows > 1 && invocations(step.out.height, step.dilation, rows) * columns < kBusy) rows /= 2;
   return rows;
 }

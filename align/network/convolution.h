@@ -67,9 +67,9 @@ class ConvKernels {
   uint32_t direct_rows(const ConvStep& step) const;
 
   Precision precision_;
-  bool cpu_;
+  engine::DeviceType type_;
   uint32_t direct_lanes_, column_lanes_, product_lanes_;
-  engine::Kernel border_, direct_[ICLK_CONV_ROWS], column_;  // direct_[rows - 1]
+  engine::Kernel border_, direct_[ICLK_CONV_MOST_ROWS], column_;  // direct_[rows - 1]
   FusedColumns fused_columns_;
   engine::Kernel cooperative_[CooperativeConv::kKernels];
   engine::Kernel tile_input_, tile_product_[2], tile_fused_[2];  // [1]: reduced

@@ -6,7 +6,7 @@
 layout(set = 0, binding = 3, std430) readonly buffer Corners { ivec2 corners[]; };
 #endif
 
-layout(constant_id = 2) const int R = ICLK_CONV_ROWS;  // at most; fewer where small images leave a row of tiles half empty
+layout(constant_id = 2) const int R = ICLK_CONV_ROWS;
 layout(constant_id = 3) const bool ONE = false;
 
 void main() {
@@ -17,7 +17,7 @@ void main() {
   int pitch = int(push.in_pitch), step = dilation * pitch;
   int at = int(push.in_offset) + image * int(push.in_image) + y * pitch + x;
   int w = int(push.weights + gl_WorkGroupID.x * push.in_planes * 72u);
-  vec4 acc[ICLK_CONV_ROWS][2];
+  vec4 acc[ICLK_CONV_MOST_ROWS][2];
   [[unroll]] for (int r = 0; r < R; ++r) acc[r][0] = acc[r][1] = vec4(0.0);
   uint c = 0u;
 #ifdef SHARED
@@ -30,7 +30,7 @@ void main() {
 #endif
     int kx = 0;
     do {
-      vec4 v[ICLK_CONV_ROWS + 2];
+      vec4 v[ICLK_CONV_MOST_ROWS + 2];
       [[unroll]] for (int r = 0; r < R + 2; ++r) v[r] = TEXEL(activations, at + kx * dilation + r * step);
       vec4 lo[3][4], hi[3][4];
       [[unroll]] for (int ky = 0; ky < 3; ++ky) {

@@ -12,8 +12,9 @@ using uint = uint32_t;
 // Output channels that an invocation makes: eight texels of weights (4 input x 8 output channels) are what eight lanes load
 // and share.
 #define ICLK_CONV_CHANNELS 8
-// Rows that an invocation of conv_direct makes, `dilation` apart.
+// Rows that an invocation of conv_direct makes, `dilation` apart; the most, of whole maps on large GPUs.
 #define ICLK_CONV_ROWS 4
+#define ICLK_CONV_MOST_ROWS 8
 // conv_cooperative: pixels and channels of a tile of matrices; subgroups of a workgroup, and rows of pixels that each makes;
 // the largest dilation for which the pixels fit into shared memory.
 #define ICLK_MATRIX_SIDE 16

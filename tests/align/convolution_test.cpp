@@ -283,6 +283,12 @@ INSTANTIATE_TEST_SUITE_P(Odd, Convolution,
                                                           Shape{193, 129, 5, 9, 1})),
                          test_name);
 
+// Large enough for the tallest tiles of a GPU.
+INSTANTIATE_TEST_SUITE_P(Tall, Convolution,
+                         testing::Combine(testing::Values(Way{ConvVariant::direct, false}),
+                                          testing::Values(Shape{753, 357, 3, 8, 1}, Shape{753, 361, 4, 9, 2})),
+                         test_name);
+
 // So many channels that a fused item cannot have all of them: lavapipe ends the loops of an invocation after 65,535 turns.
 // The tiles of 256 sub-grids are items enough for four threads, which get no fewer channels for want of items.
 INSTANTIATE_TEST_SUITE_P(Deep, Convolution,
