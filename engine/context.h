@@ -48,7 +48,8 @@ struct MemoryBlock {
 };
 
 /// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is
-/// ever destroyed by us, and no other queue is touched.
+/// ever destroyed by us, and no other queue is touched. With vulkanMemoryModel enabled, vulkanMemoryModelDeviceScope must be
+/// too.
 struct HostDevice {
   VkInstance instance = VK_NULL_HANDLE;  ///< made with VkApplicationInfo::apiVersion >= 1.1
   VkPhysicalDevice physical_device = VK_NULL_HANDLE;

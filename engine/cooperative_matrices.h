@@ -12,7 +12,7 @@ struct MatrixSize {
 };
 
 /// Extensions that cooperative matrices of halves need, all of them. Their features: cooperativeMatrix, shaderFloat16,
-/// vulkanMemoryModel.
+/// vulkanMemoryModel and vulkanMemoryModelDeviceScope, which shaders without matrices need as soon as there is the other.
 inline constexpr std::array kMatrixExtensions = {"VK_KHR_cooperative_matrix", "VK_KHR_shader_float16_int8",
                                                  "VK_KHR_vulkan_memory_model"};
 

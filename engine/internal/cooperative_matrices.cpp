@@ -31,7 +31,8 @@ constexpr uint32_t kSide = 16;
 }  // namespace
 
 MatrixFeatures::MatrixFeatures(VkBool32 on) {
-  half_.shaderFloat16 = model_.vulkanMemoryModel = matrices_.cooperative_matrix = on;
+  half_.shaderFloat16 = matrices_.cooperative_matrix = on;
+  model_.vulkanMemoryModel = model_.vulkanMemoryModelDeviceScope = on;
   half_.pNext = &model_;
   model_.pNext = &matrices_;
 }

@@ -19,7 +19,10 @@ class MatrixFeatures {
   MatrixFeatures& operator=(const MatrixFeatures&) = delete;
 
   void* chain() { return &half_; }
-  bool all() const { return half_.shaderFloat16 && model_.vulkanMemoryModel && matrices_.cooperative_matrix; }
+  bool all() const {
+    return half_.shaderFloat16 && model_.vulkanMemoryModel && model_.vulkanMemoryModelDeviceScope &&
+           matrices_.cooperative_matrix;
+  }
 
  private:
   // VkPhysicalDeviceCooperativeMatrixFeaturesKHR, which the headers of Debian 12 lack.

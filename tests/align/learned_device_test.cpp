@@ -91,8 +91,7 @@ std::string case_name(const testing::TestParamInfo<Way>& info) {
 }
 INSTANTIATE_TEST_SUITE_P(Golden, LearnedDevice,
                          testing::Combine(testing::ValuesIn(kCases), testing::Values(Solver::host, Solver::device),
-                                          testing::Values(ConvVariant::direct, ConvVariant::winograd4,
-                                                          ConvVariant::winograd4x1)),
+                                          testing::ValuesIn(kConvVariants)),
                          case_name);
 
 // With activations in half precision: the bounds of docs/convolutions.md.
@@ -132,11 +131,10 @@ TEST_P(LearnedHalf, MapsAndPose) {
   EXPECT_LT((a.T_10.t - expected.t).norm(), 2e-3 * golden.truth().t.norm());
   EXPECT_LT((a.T_10.R - expected.R).norm(), 1e-4);
 }
-INSTANTIATE_TEST_SUITE_P(
-    Golden, LearnedHalf,
-    testing::Combine(testing::ValuesIn(kCases),
-                     testing::Values(ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1)),
-    [](const auto& info) { return std::get<0>(info.param).golden + std::string("_") + name(std::get<1>(info.param)); });
+INSTANTIATE_TEST_SUITE_P(Golden, LearnedHalf, testing::Combine(testing::ValuesIn(kCases), testing::ValuesIn(kConvVariants)),
+                         [](const auto& info) {
+                           return std::get<0>(info.param).golden + std::string("_") + name(std::get<1>(info.param));
+                         });
 
 // The stages one by one, each level from the pose with which the specification starts it.
 class LearnedStages : public testing::TestWithParam<Case> {
