@@ -1,15 +1,15 @@
 #include <iclk/engine/internal/cooperative_matrices.h>
 
 #include <algorithm>
-#include <tuple>
+#include <vector>
 
 namespace iclk::engine {
 namespace {
 
 // Of VK_KHR_cooperative_matrix, which the headers of Debian 12 lack.
-constexpr auto kMatrixProperties = static_cast<VkStructureType>(1000506001);
+constexpr auto kMatrixProperties = static_cast<VkStructureType>(1000506001),
+               kMatrixStages = static_cast<VkStructureType>(1000506002);
 constexpr int kFloat16 = 0, kFloat32 = 1, kSubgroup = 3;
-constexpr VkFlags kCompute = VK_SHADER_STAGE_COMPUTE_BIT;
 struct Properties {
   VkStructureType type;
   void* next;
@@ -52,10 +52,10 @@ MatrixSize matrix_size(PFN_vkGetInstanceProcAddr get, VkInstance instance, VkPhy
   MatrixFeatures offered(VK_FALSE);
   VkPhysicalDeviceFeatures2 features{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, offered.chain(), {}};
   features_of(device, &features);
-  Stages stages{static_cast<VkStructureType>(1000506002), nullptr, 0};
+  Stages stages{kMatrixStages, nullptr, 0};
   VkPhysicalDeviceProperties2 properties{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, &stages, {}};
   device_properties(device, &properties);
-  if (!offered.all() || !(stages.supported & kCompute)) return {};
+  if (!offered.all() || !(stages.supported & VK_SHADER_STAGE_COMPUTE_BIT)) return {};
 
   uint32_t count = 0;
   if (properties_of(device, &count, nullptr) != VK_SUCCESS) return {};

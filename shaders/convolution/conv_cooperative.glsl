@@ -30,8 +30,6 @@ shared HALF4 patch_high[PATCH], patch_low[PATCH];
 shared HALF4 taps_high[TAPS], taps_low[TAPS];
 shared float made[ICLK_MATRIX_SUBGROUPS * SIDE * LINE];
 
-vec4 elu(vec4 x) { return mix(exp(min(x, 0.0)) - 1.0, x, greaterThan(x, vec4(0.0))); }
-
 // x is this, which a half holds, and low / 2048. By its bits, as compilers take a single of a half of a single for the first.
 // Below the smallest normal half, which devices may take for zero, it is zero.
 vec4 high_part(vec4 x) { return mix(rounded_to_half(x), vec4(0.0), lessThan(abs(x), vec4(6.103515625e-5))); }

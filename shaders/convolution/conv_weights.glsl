@@ -35,5 +35,3 @@ void keep_weights(int at) {
 #define LOAD_WEIGHTS(name, at)
 #define WEIGHT(name, at, i) FETCH(weights, (at) + i)
 #endif
-
-vec4 elu(vec4 x) { return mix(exp(min(x, 0.0)) - 1.0, x, greaterThan(x, vec4(0.0))); }

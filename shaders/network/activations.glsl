@@ -5,6 +5,8 @@ layout(constant_id = 1) const bool HALF = false;
 layout(set = 0, binding = OUT_BINDING, std430) writeonly buffer Out { vec4 texels[]; };
 layout(set = 0, binding = OUT_BINDING, std430) writeonly buffer HalfOut { uvec2 half_texels[]; };
 
+vec4 elu(vec4 x) { return mix(exp(min(x, 0.0)) - 1.0, x, greaterThan(x, vec4(0.0))); }
+
 // To the nearest half, ties to even: how packHalf2x16 rounds is the driver's affair, and some cut off.
 vec4 rounded_to_half(vec4 value) {
   uvec4 bits = floatBitsToUint(value);
