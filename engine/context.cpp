@@ -7,6 +7,7 @@
 #include <iclk/engine/internal/cooperative_matrices.h>
 #include <iclk/engine/internal/instance.h>
 #include <iclk/engine/internal/memory_layout.h>
+#include <iclk/engine/internal/pipelines.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {
@@ -222,7 +223,10 @@ std::vector<uint8_t> Context::pipeline_cache_data() const {
   }
 }
 
+Context::Context() : pipelines_(std::make_unique<Pipelines>()) {}
+
 Context::~Context() {
+  pipelines_->destroy(vk_, device_);
   if (owns_pipeline_cache_) vk_.DestroyPipelineCache(device_, pipeline_cache_, nullptr);
   if (owns_device_) vk_.DestroyDevice(device_, nullptr);
 }

@@ -81,6 +81,8 @@ struct Synchronisation {
   std::span<const TimelinePoint> wait = {}, signal = {};
 };
 
+class Pipelines;
+
 /// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions hold a shared_ptr to it, so the order
 /// in which they are destroyed does not matter. Nothing is shared between contexts.
 class Context {
@@ -100,6 +102,7 @@ class Context {
   /// What the pipeline cache holds now, for ContextOptions::pipeline_cache of a later run. Empty where the driver keeps
   /// nothing.
   std::vector<uint8_t> pipeline_cache_data() const;
+  Pipelines& pipelines() const { return *pipelines_; }  ///< those of the kernels, internal/pipelines.h
   bool owns_device() const { return owns_device_; }
 
   const DeviceInfo& info() const { return info_; }
@@ -139,7 +142,7 @@ class Context {
 
  private:
   friend struct ContextBuilder;
-  Context() = default;
+  Context();
 
   std::shared_ptr<void> keep_alive_;  // our instance, or the loader of an adopted one; outlives the device
   InstanceFunctions instance_functions_;
@@ -150,6 +153,7 @@ class Context {
   VkQueue queue_ = VK_NULL_HANDLE;
   uint32_t queue_family_ = 0, timestamp_valid_bits_ = 0;
   VkPipelineCache pipeline_cache_ = VK_NULL_HANDLE;
+  std::unique_ptr<Pipelines> pipelines_;
   bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false, storage_reads_ = false,
        unified_memory_ = false;
   DeviceInfo info_;

@@ -1,11 +1,11 @@
 #include <iclk/engine/kernel.h>
 
 #include <algorithm>
-#include <cmath>
 #include <future>
 #include <utility>
 
-#include <iclk/engine/result.h>
+#include <iclk/engine/error.h>
+#include <iclk/engine/internal/pipelines.h>
 
 namespace iclk::engine {
 namespace {
@@ -72,78 +72,9 @@ VkDescriptorType descriptor_type(BindingKind kind) {
 Kernel::Kernel(std::shared_ptr<const Context> context, const KernelDescription& wanted)
     : context_(std::move(context)), name_(wanted.name), push_constant_bytes_(wanted.push_constant_bytes) {
   const KernelDescription description = suited(*context_, wanted);
-  bindings_ = description.bindings;
   check_description(*context_, description);
-  try {
-    create(description);
-  } catch (...) {
-    destroy();
-    throw;
-  }
-}
-
-void Kernel::create(const KernelDescription& description) {
-  const DeviceFunctions& vk = context_->vk();
-  const VkDevice device = context_->device();
-
-  std::vector<VkDescriptorSetLayoutBinding> bindings;
-  for (BindingKind kind : bindings_)
-    bindings.push_back(
-        {static_cast<uint32_t>(bindings.size()), descriptor_type(kind), 1, VK_SHADER_STAGE_COMPUTE_BIT, nullptr});
-  const VkDescriptorSetLayoutCreateInfo set{VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO, nullptr, 0,
-                                            static_cast<uint32_t>(bindings.size()), bindings.data()};
-  check_made(vk.CreateDescriptorSetLayout(device, &set, nullptr, &set_layout_), set_layout_, "vkCreateDescriptorSetLayout",
-             name_);
-
-  const VkPushConstantRange range{VK_SHADER_STAGE_COMPUTE_BIT, 0, push_constant_bytes_};
-  VkPipelineLayoutCreateInfo layout{VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO};
-  layout.setLayoutCount = 1;
-  layout.pSetLayouts = &set_layout_;
-  layout.pushConstantRangeCount = push_constant_bytes_ ? 1 : 0;
-  layout.pPushConstantRanges = &range;
-  check_made(vk.CreatePipelineLayout(device, &layout, nullptr, &layout_), layout_, "vkCreatePipelineLayout", name_);
-
-  std::vector<VkSpecializationMapEntry> entries;
-  for (uint32_t i = 0; i < description.specialization.size(); ++i) entries.push_back({i, i * 4, 4});
-  const VkSpecializationInfo specialization{static_cast<uint32_t>(entries.size()), entries.data(), entries.size() * 4,
-                                            description.specialization.data()};
-  const VkShaderModuleCreateInfo code{VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, nullptr, 0,
-                                      description.spirv.texels.size_bytes(), description.spirv.texels.data()};
-  VkShaderModule module = VK_NULL_HANDLE;
-  check(vk.CreateShaderModule(device, &code, nullptr, &module), "vkCreateShaderModule", name_);
-  VkComputePipelineCreateInfo info{VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO};
-  info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO, nullptr, 0, VK_SHADER_STAGE_COMPUTE_BIT, module, "main",
-                entries.empty() ? nullptr : &specialization};
-  info.layout = layout_;
-  // Recorder::dispatch() may have to begin in the middle of a grid.
-  if (std::isfinite(context_->longest_submission())) info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE;
-  const VkResult result = vk.CreateComputePipelines(device, context_->pipeline_cache(), 1, &info, nullptr, &pipeline_);
-  vk.DestroyShaderModule(device, module, nullptr);
-  check(result, "vkCreateComputePipelines", name_);
-  context_->name_object(VK_OBJECT_TYPE_PIPELINE, reinterpret_cast<uint64_t>(pipeline_), name_);
-}
-
-Kernel::~Kernel() { destroy(); }
-
-Kernel::Kernel(Kernel&& other) noexcept { *this = std::move(other); }
-
-Kernel& Kernel::operator=(Kernel&& other) noexcept {
-  std::swap(context_, other.context_);
-  std::swap(name_, other.name_);
-  std::swap(bindings_, other.bindings_);
-  std::swap(push_constant_bytes_, other.push_constant_bytes_);
-  std::swap(set_layout_, other.set_layout_);
-  std::swap(layout_, other.layout_);
-  std::swap(pipeline_, other.pipeline_);
-  return *this;
-}
-
-void Kernel::destroy() noexcept {
-  if (!context_) return;
-  const DeviceFunctions& vk = context_->vk();
-  if (pipeline_) vk.DestroyPipeline(context_->device(), pipeline_, nullptr);
-  if (layout_) vk.DestroyPipelineLayout(context_->device(), layout_, nullptr);
-  if (set_layout_) vk.DestroyDescriptorSetLayout(context_->device(), set_layout_, nullptr);
+  bindings_ = description.bindings;
+  made_ = context_->pipelines().of(*context_, description);
 }
 
 void KernelBatch::make() {

@@ -42,35 +42,35 @@ struct KernelDescription {
   std::vector<uint32_t> specialization;
 };
 
-/// A compute pipeline. Move only; keeps the context alive. May be used by any number of recorders at a time.
+/// What a kernel is to Vulkan.
+struct Pipeline {
+  VkDescriptorSetLayout set_layout = VK_NULL_HANDLE;
+  VkPipelineLayout layout = VK_NULL_HANDLE;
+  VkPipeline pipeline = VK_NULL_HANDLE;
+};
+
+/// A compute pipeline of the context, which makes one of equal descriptions, keeps it to its end, and is kept alive. May be
+/// used by any number of recorders at a time.
 class Kernel {
  public:
   Kernel() = default;
   /// Throws Error(unsupported) for more bindings or push constants than the device has; Error(vulkan) naming the kernel.
   Kernel(std::shared_ptr<const Context> context, const KernelDescription& description);
-  ~Kernel();
-  Kernel(Kernel&& other) noexcept;
-  Kernel& operator=(Kernel&& other) noexcept;
 
   const std::string& name() const { return name_; }
   std::span<const BindingKind> bindings() const { return bindings_; }  ///< texel_read only where it is one
   uint32_t push_constant_bytes() const { return push_constant_bytes_; }
-  VkPipeline pipeline() const { return pipeline_; }
-  VkPipelineLayout layout() const { return layout_; }
-  VkDescriptorSetLayout set_layout() const { return set_layout_; }
-  explicit operator bool() const { return pipeline_ != VK_NULL_HANDLE; }
+  VkPipeline pipeline() const { return made_.pipeline; }
+  VkPipelineLayout layout() const { return made_.layout; }
+  VkDescriptorSetLayout set_layout() const { return made_.set_layout; }
+  explicit operator bool() const { return context_ != nullptr; }
 
  private:
-  void create(const KernelDescription& description);
-  void destroy() noexcept;
-
   std::shared_ptr<const Context> context_;
   std::string name_;
   std::vector<BindingKind> bindings_;
   uint32_t push_constant_bytes_ = 0;
-  VkDescriptorSetLayout set_layout_ = VK_NULL_HANDLE;
-  VkPipelineLayout layout_ = VK_NULL_HANDLE;
-  VkPipeline pipeline_ = VK_NULL_HANDLE;
+  Pipeline made_;
 };
 
 VkDescriptorType descriptor_type(BindingKind kind);

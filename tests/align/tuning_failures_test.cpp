@@ -71,10 +71,14 @@ class TuningFailures : public testing::Test {
     ICLK_NEED_DEVICE();
     app_.emplace();
     Driver::next_instance = app_->instance.get_instance_proc_addr();
+    begin_anew();
+    Driver::pipelines = Driver::submits = {};
+  }
+  /// With a context that has made no pipeline yet.
+  void begin_anew() {
     HostDevice host = app_->handed_over();
     host.get_instance_proc_addr = Driver::instance_proc;
     context_ = adopt_device(host);
-    Driver::pipelines = Driver::submits = {};
   }
   void TearDown() override { Driver::pipelines = Driver::submits = {}; }
 
@@ -114,6 +118,7 @@ TEST_F(TuningFailures, APipelineThatCannotBeBuiltCostsItsVariantAlone) {
   std::set<ConvVariant> dropped;
   int shared = 0;
   for (int at = 0; at < made; ++at) {
+    begin_anew();
     Driver::pipelines = {at, at % 2 ? VK_ERROR_OUT_OF_DEVICE_MEMORY : VK_ERROR_UNKNOWN};
     try {
       const LayerTimes times = time();
@@ -151,7 +156,6 @@ TEST_F(TuningFailures, AVariantThatCannotBeRunIsDropped) {
 }
 
 TEST_F(TuningFailures, TheErrorIsThrownWhereNothingIsLeft) {
-  time();
   Driver::pipelines = {3, VK_ERROR_UNKNOWN, true};  // behind those of the maps
   EXPECT_EQ(refusal(), ErrorCode::vulkan);
   Driver::pipelines = {};

@@ -76,6 +76,37 @@ TEST(Kernel, SpecializationPushConstantsAndTexels) {
   }
 }
 
+TEST(Kernel, EqualDescriptionsAreOnePipelineOfTheirContext) {
+  ICLK_NEED_DEVICE();
+  std::vector<uint32_t> words(scale_comp_spv.texels.begin(), scale_comp_spv.texels.end());
+  const auto pipeline_of = [&](const std::shared_ptr<const Context>& context, const char* name, uint32_t workgroup) {
+    return Kernel(context, {.name = name,
+                            .spirv = words,
+                            .bindings = {BindingKind::storage_read_write},
+                            .push_constant_bytes = sizeof(ScalePush),
+                            .specialization = {workgroup}})
+        .pipeline();
+  };
+  const VkPipeline first = pipeline_of(device(), "scale", 8);
+  EXPECT_EQ(pipeline_of(device(), "scale", 8), first) << "also when the first kernel is gone";
+  EXPECT_NE(pipeline_of(device(), "scale", 4), first);
+  EXPECT_NE(pipeline_of(device(), "scaled", 8), first) << "messages name it";
+  ++words[2];  // whose generator it is, which means nothing
+  EXPECT_NE(pipeline_of(device(), "scale", 8), first) << "other code at the same place";
+}
+
+TEST(Kernel, OneThatCouldNotBeMadeIsMadeWhenAskedAgain) {
+  ICLK_NEED_DEVICE();
+  KernelDescription description{.name = "scale",
+                                .spirv = scale_comp_spv,
+                                .bindings = {BindingKind::storage_read_write},
+                                .push_constant_bytes = 3,
+                                .specialization = {2}};
+  EXPECT_THROW(Kernel(device(), description), Error);
+  description.push_constant_bytes = sizeof(ScalePush);
+  EXPECT_TRUE(Kernel(device(), description));
+}
+
 TEST(Kernel, RejectsWhatIsNotSpirvAndNamesIt) {
   ICLK_NEED_DEVICE();
   const std::vector<uint32_t> text(8, 0x41414141);
