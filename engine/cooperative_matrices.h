@@ -4,6 +4,9 @@
 
 namespace iclk::engine {
 
+/// What Context::matrices() is chosen for: tiles of so many rows and columns.
+inline constexpr uint32_t kMatrixTile = 16;
+
 /// What a subgroup multiplies at a time: C (m x n, single precision) += A (m x k, halves) B (k x n, halves). All 0: nothing.
 struct MatrixSize {
   uint32_t m = 0, n = 0, k = 0;

@@ -9,6 +9,7 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kSide = ICLK_MATRIX_SIDE;
+static_assert(kSide == engine::kMatrixTile);
 
 // Output channels of a workgroup: two matrices where none of them is left empty.
 uint32_t channels_of(const ConvStep& step) { return engine::groups_for(step.out.channels, kSide) % 2 == 0 ? 2 * kSide : kSide; }

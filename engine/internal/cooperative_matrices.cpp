@@ -25,9 +25,6 @@ struct Stages {
   VkShaderStageFlags supported;
 };
 
-// Sides of the tiles that conv_cooperative makes.
-constexpr uint32_t kSide = 16;
-
 }  // namespace
 
 MatrixFeatures::MatrixFeatures(VkBool32 on) {
@@ -66,8 +63,8 @@ MatrixSize matrix_size(PFN_vkGetInstanceProcAddr get, VkInstance instance, VkPhy
   all.resize(count);
   MatrixSize best;
   for (const Properties& p : all) {
-    const bool fits =
-        p.m && p.n && p.k && kSide % p.m == 0 && kSide % p.n == 0 && kSide % p.k == 0 && p.k % 4 == 0 && p.n % 4 == 0;
+    const bool fits = p.m && p.n && p.k && kMatrixTile % p.m == 0 && kMatrixTile % p.n == 0 && kMatrixTile % p.k == 0 &&
+                      p.k % 4 == 0 && p.n % 4 == 0;
     if (!fits || p.a != kFloat16 || p.b != kFloat16 || p.c != kFloat32 || p.result != kFloat32 || p.saturating ||
         p.scope != kSubgroup)
       continue;

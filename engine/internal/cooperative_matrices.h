@@ -6,8 +6,8 @@
 
 namespace iclk::engine {
 
-/// The largest size that the device has for compute shaders and that divides 16 x 16 x 16; nothing where it lacks an extension
-/// or a feature.
+/// The largest size that the device has for compute shaders and that divides kMatrixTile in all three; nothing where it lacks
+/// an extension or a feature.
 MatrixSize matrix_size(PFN_vkGetInstanceProcAddr get, VkInstance instance, VkPhysicalDevice device,
                        const DeviceCapabilities& capabilities);
 
