@@ -239,7 +239,7 @@ class MallInfo(ctypes.Structure):
 @needs_vulkan
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="needs glibc 2.33")
 def test_an_aligner_takes_its_memory_along() -> None:
-    """Not what the process has, which grows: glibc keeps what a software device's compiler frees (docs/python.md)."""
+    """What malloc has in use: glibc keeps what a software device's compiler frees (docs/python.md)."""
     s = make_scene(160, 120)
     mallinfo = ctypes.CDLL(None).mallinfo2
     mallinfo.restype = MallInfo
@@ -255,4 +255,4 @@ def test_an_aligner_takes_its_memory_along() -> None:
         return info.used + info.mapped
 
     before = used_after(2)  # what is made once is there
-    assert used_after(6) - before < 100 << 20  # one that is kept has 54 MB
+    assert used_after(6) - before < 20 << 20  # one that is kept has 54 MB
