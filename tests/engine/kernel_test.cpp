@@ -95,18 +95,6 @@ TEST(Kernel, EqualDescriptionsAreOnePipelineOfTheirContext) {
   EXPECT_NE(pipeline_of(device(), "scale", 8), first) << "other code at the same place";
 }
 
-TEST(Kernel, OneThatCouldNotBeMadeIsMadeWhenAskedAgain) {
-  ICLK_NEED_DEVICE();
-  KernelDescription description{.name = "scale",
-                                .spirv = scale_comp_spv,
-                                .bindings = {BindingKind::storage_read_write},
-                                .push_constant_bytes = 3,
-                                .specialization = {2}};
-  EXPECT_THROW(Kernel(device(), description), Error);
-  description.push_constant_bytes = sizeof(ScalePush);
-  EXPECT_TRUE(Kernel(device(), description));
-}
-
 TEST(Kernel, RejectsWhatIsNotSpirvAndNamesIt) {
   ICLK_NEED_DEVICE();
   const std::vector<uint32_t> text(8, 0x41414141);
