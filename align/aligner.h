@@ -53,6 +53,9 @@ class Aligner {
   /// One result a pair, in order. Throws Error for bad input (before any work) or a lost device; never for a failed alignment.
   virtual std::vector<Alignment> align(std::span<const Pair> pairs) = 0;
 
+  /// Has the driver compile now what the first align() would wait for. Changes no result.
+  virtual void warm_up() {}
+
   Alignment align(const Pair& pair) { return align(std::span(&pair, 1)).front(); }
 
   /// What was given for a prepared slot. Precondition: set_reference(slot) succeeded.

@@ -48,7 +48,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       layout(plan, options, model.get(), context->storage_reads()),
       sizes(context->info(), options),
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
-      kernels(context, plan, options, layout, sizes),
+      kernels(context, plan, options, solver, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
       network(*context, model, layout, plan, options, batch, tuning, ids.plan),
       matching(plan, options, layout, sizes, batch, ids.plan),

@@ -94,6 +94,7 @@ class DeviceAligner : public Aligner {
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
   using Aligner::align;
   std::vector<Alignment> align(std::span<const Pair> pairs) override;
+  void warm_up() override;
 
   /// align() in two halves: start() takes the pixels, submits and returns, finish() waits and has the results. The device waits
   /// for `synchronisation.wait` before it begins and signals `synchronisation.signal` when it is through: timeline semaphores

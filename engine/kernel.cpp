@@ -69,13 +69,31 @@ VkDescriptorType descriptor_type(BindingKind kind) {
   }
 }
 
-Kernel::Kernel(std::shared_ptr<const Context> context, const KernelDescription& wanted)
-    : context_(std::move(context)), name_(wanted.name), push_constant_bytes_(wanted.push_constant_bytes) {
-  const KernelDescription description = suited(*context_, wanted);
-  check_description(*context_, description);
-  bindings_ = description.bindings;
-  made_ = context_->pipelines().of(*context_, description);
+Kernel Kernel::deferred(std::shared_ptr<const Context> context, const KernelDescription& wanted) {
+  Kernel kernel;
+  kernel.state_ = std::make_shared<State>();
+  State& state = *kernel.state_;
+  state.context = std::move(context);
+  state.name = wanted.name;
+  state.description = suited(*state.context, wanted);
+  check_description(*state.context, state.description);
+  state.description.name = state.name.c_str();
+  return kernel;
 }
+
+Kernel::Kernel(std::shared_ptr<const Context> context, const KernelDescription& description)
+    : Kernel(deferred(std::move(context), description)) {
+  made();
+}
+
+const Pipeline& Kernel::made() const {
+  std::call_once(state_->once,
+                 [this] { state_->made = state_->context->pipelines().of(*state_->context, state_->description); });
+  return state_->made;
+}
+
+std::span<const BindingKind> Kernel::bindings() const { return state_->description.bindings; }
+uint32_t Kernel::push_constant_bytes() const { return state_->description.push_constant_bytes; }
 
 void KernelBatch::make() {
   // None is compiled where one cannot be had.

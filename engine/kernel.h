@@ -1,6 +1,7 @@
 #pragma once
 #include <map>
 #include <memory>
+#include <mutex>
 #include <span>
 #include <string>
 #include <vector>
@@ -21,7 +22,8 @@ enum class BindingKind : uint8_t {
 };
 
 /// A shader in two builds (shaders/texels.glsl): arrays that are only read are texel buffers, or storage buffers. A kernel
-/// takes the one that suits its context (Context::storage_reads). Words of SPIR-V, which must outlive the kernel's making.
+/// takes the one that suits its context (Context::storage_reads). Words of SPIR-V, which must outlive the
+/// kernel's making, of Kernel::deferred() the kernel.
 struct ShaderCode {
   constexpr ShaderCode() = default;
   /// A shader without texel_read bindings needs no second build.
@@ -34,7 +36,7 @@ struct ShaderCode {
 /// A compute shader with entry point main() and its bindings: set 0, binding i = bindings[i].
 struct KernelDescription {
   const char* name = "";  ///< of the stage, for messages and profiles
-  ShaderCode spirv;       ///< read during construction only
+  ShaderCode spirv;
   std::vector<BindingKind> bindings;
   uint32_t push_constant_bytes = 0;  ///< a multiple of 4
   /// Element i is constant_id i, bit pattern of a 32-bit type (bool: 0 or 1). By convention id 0 is local_size_x_id where a
@@ -50,27 +52,33 @@ struct Pipeline {
 };
 
 /// A compute pipeline of the context, which makes one of equal descriptions, keeps it to its end, and is kept alive. May be
-/// used by any number of recorders at a time.
+/// used by any number of recorders at a time; copies are one kernel.
 class Kernel {
  public:
   Kernel() = default;
   /// Throws Error(unsupported) for more bindings or push constants than the device has; Error(vulkan) naming the kernel.
   Kernel(std::shared_ptr<const Context> context, const KernelDescription& description);
+  /// A kernel that few runs need: checked now, compiled where it is first recorded, which then throws Error(vulkan).
+  static Kernel deferred(std::shared_ptr<const Context> context, const KernelDescription& description);
 
-  const std::string& name() const { return name_; }
-  std::span<const BindingKind> bindings() const { return bindings_; }  ///< texel_read only where it is one
-  uint32_t push_constant_bytes() const { return push_constant_bytes_; }
-  VkPipeline pipeline() const { return made_.pipeline; }
-  VkPipelineLayout layout() const { return made_.layout; }
-  VkDescriptorSetLayout set_layout() const { return made_.set_layout; }
-  explicit operator bool() const { return context_ != nullptr; }
+  const std::string& name() const { return state_->name; }
+  std::span<const BindingKind> bindings() const;  ///< texel_read only where it is one
+  uint32_t push_constant_bytes() const;
+  VkPipeline pipeline() const { return made().pipeline; }
+  VkPipelineLayout layout() const { return made().layout; }
+  VkDescriptorSetLayout set_layout() const { return made().set_layout; }
+  explicit operator bool() const { return state_ != nullptr; }
 
  private:
-  std::shared_ptr<const Context> context_;
-  std::string name_;
-  std::vector<BindingKind> bindings_;
-  uint32_t push_constant_bytes_ = 0;
-  Pipeline made_;
+  struct State {
+    std::shared_ptr<const Context> context;
+    std::string name;
+    KernelDescription description;
+    std::once_flag once;
+    Pipeline made;
+  };
+  const Pipeline& made() const;
+  std::shared_ptr<State> state_;
 };
 
 VkDescriptorType descriptor_type(BindingKind kind);

@@ -61,6 +61,7 @@ void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buf
                                             context_.info().name + " takes at most " + std::to_string(most[0]) + " x " +
                                             std::to_string(most[1]) + " x " + std::to_string(most[2]));
   const VkDescriptorSet set = arena_.set(kernel, buffers);
+  if (compile_only_) return dispatch_groups(kernel, set, push, {0, 0, 0}, {0, 0, 0});
   if (groups.x == 0 || groups.y == 0 || groups.z == 0) return;
 
   uses_.clear();

@@ -55,6 +55,10 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
+  /// From here on dispatches run no workgroup. A driver that compiles a kernel where it first runs, as lavapipe does, does so
+  /// without work to wait for.
+  void compile_only() { compile_only_ = true; }
+
   /// Names the commands that follow, for the timer.
   void stage(const char* name);
 
@@ -117,6 +121,7 @@ class Recorder {
   VkPipeline bound_ = VK_NULL_HANDLE;
   std::vector<Use> uses_;  // kept for its capacity
   uint32_t barriers_ = 0, dispatches_ = 0;
+  bool compile_only_ = false;
 };
 
 }  // namespace iclk::engine

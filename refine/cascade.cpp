@@ -57,6 +57,7 @@ void Cascade::start(size_t step) {
   Running made;
   made.aligner = steps_[step].make();
   if (steps_[step].refiner) made.refiner = std::make_unique<Refiner>(*made.aligner, *steps_[step].refiner);
+  made.refiner ? made.refiner->warm_up() : made.aligner->warm_up();
   running_[step] = std::move(made);
   times_.setup += ms_since(begin);
 }

@@ -165,6 +165,19 @@ class DeviceFeatureAligner final : public FeatureAligner {
     return results;
   }
 
+  void warm_up() override {
+    clear();  // as in align()
+    submission_.wait();
+    engine::Recorder recorder(submission_, arena_);
+    recorder.compile_only();
+    colours_wanted_ = recolour_;
+    const int slot = 0;
+    const internal::GreyTarget target{0};
+    record(recorder, grey_->record(recorder, std::span(&slot, 1), std::span(&target, 1)), {1, 1, 1});
+    submit(recorder);
+    clear();
+  }
+
   int pairs_per_batch() const override { return aligner_.pairs_per_batch(); }
 
  private:
@@ -218,28 +231,10 @@ class DeviceFeatureAligner final : public FeatureAligner {
 
     engine::Recorder recorder(submission_, arena_);
     const internal::DeviceMaps maps = grey_->record(recorder, slots_, targets_);
-    const shaders::FeatureAlignmentPush push = internal::feature_alignment_push(options_, maps);
     recorder.upload(memory_[ids_.tasks], 0, sizeof(shaders::FeatureTask) * pieces_.size());
     recorder.upload(memory_[ids_.features], 0, sizeof(shaders::FeatureInfo) * filled_);
-    const engine::Groups groups{widest->count, static_cast<uint32_t>(pieces_.size()), 1};
-    recorder.stage("feature_alignment");
-    recorder.dispatch(kernel_,
-                      {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
-                       maps.maps0, maps.maps1, &memory_[ids_.aligned]},
-                      push, groups);
-    if (colours_wanted_) {
-      recorder.stage("colour_sums");
-      recorder.dispatch(colours_,
-                        {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
-                         maps.maps0, maps.maps1, &memory_[ids_.aligned], maps.pixels1, &memory_[ids_.colours]},
-                        push, groups);
-      recorder.host_read({&memory_[ids_.aligned], &memory_[ids_.colours]});
-    } else {
-      recorder.host_read({&memory_[ids_.aligned]});
-    }
-    recorder.finish();
-    submission_.end();
-    submission_.submit_and_wait();
+    record(recorder, maps, {widest->count, static_cast<uint32_t>(pieces_.size()), 1});
+    submit(recorder);
     grey_->executed();
 
     const auto* infos = memory_[ids_.aligned].as<const shaders::AlignedInfo>();
@@ -251,6 +246,28 @@ class DeviceFeatureAligner final : public FeatureAligner {
         for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k].colours = unpack(*sums++);
     }
     clear();
+  }
+
+  void record(engine::Recorder& recorder, const internal::DeviceMaps& maps, const engine::Groups& groups) {
+    const shaders::FeatureAlignmentPush push = internal::feature_alignment_push(options_, maps);
+    recorder.stage("feature_alignment");
+    recorder.dispatch(kernel_,
+                      {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
+                       maps.maps0, maps.maps1, &memory_[ids_.aligned]},
+                      push, groups);
+    if (!colours_wanted_) return recorder.host_read({&memory_[ids_.aligned]});
+    recorder.stage("colour_sums");
+    recorder.dispatch(colours_,
+                      {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
+                       maps.maps0, maps.maps1, &memory_[ids_.aligned], maps.pixels1, &memory_[ids_.colours]},
+                      push, groups);
+    recorder.host_read({&memory_[ids_.aligned], &memory_[ids_.colours]});
+  }
+
+  void submit(engine::Recorder& recorder) {
+    recorder.finish();
+    submission_.end();
+    submission_.submit_and_wait();
   }
 
   void clear() {

@@ -31,6 +31,9 @@ class FeatureAligner {
   /// the aligner does not hold, and for a lost device.
   virtual std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) = 0;
 
+  /// As Aligner's.
+  virtual void warm_up() {}
+
   /// The most pairs of one align() of the aligner whose targets are all still there afterwards.
   virtual int pairs_per_batch() const = 0;
 };

@@ -153,6 +153,11 @@ Refiner::Refiner(Aligner& aligner, std::unique_ptr<FeatureAligner> feature_align
 
 Refiner::~Refiner() = default;
 
+void Refiner::warm_up() {
+  aligner_.warm_up();
+  feature_aligner_->warm_up();
+}
+
 std::vector<RefinedAlignment> Refiner::align(std::span<const Pair> pairs) {
   std::vector<RefinedAlignment> results(pairs.size());
   const size_t batch = static_cast<size_t>(std::max(1, feature_aligner_->pairs_per_batch()));

@@ -106,6 +106,9 @@ class Refiner {
   Refiner(Aligner& aligner, std::unique_ptr<FeatureAligner> feature_aligner, const RefinerOptions& options = {});
   ~Refiner();
 
+  /// Aligner::warm_up(), and the same for feature alignment.
+  void warm_up();
+
   /// One result a pair, in order. Throws what Aligner::align() throws; never for a failed refinement.
   std::vector<RefinedAlignment> align(std::span<const Pair> pairs);
   RefinedAlignment align(const Pair& pair) { return std::move(align(std::span(&pair, 1)).front()); }

@@ -36,13 +36,22 @@ VkFormat texel_format(PixelFormat format) {
   }
 }
 
-Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
+Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
                  const Layout& layout, const WorkgroupSizes& sizes) {
   using enum engine::BindingKind;
   using namespace shaders;
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
                  robust = static_cast<uint32_t>(options.robust), masked = plan.target_masks;
   engine::KernelBatch batch(context);
+  // What every run needs is made now, side by side. The host solver needs the others where it looks over rotations, the device
+  // solver where a level has too many elements for one workgroup.
+  const bool on_device = solver == Solver::device, split = !on_device || layout.most_elements() > sizes.fused_elements;
+  const auto add = [&](bool needed, engine::Kernel& kernel, const engine::KernelDescription& description) {
+    if (needed)
+      batch.add(kernel, description);
+    else
+      kernel = engine::Kernel::deferred(context, description);
+  };
   if (plan.target_masks) target_masks = {context, plan, layout, sizes.map};
   if (!layout.learned) pyramid = {context, plan.format, layout, sizes.map};
   if (plan.dense)
@@ -69,35 +78,39 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                        sizeof(JacobianPush),
                        {sizes.map, plan.dense}});
   if (options.robust != Robust::unit) {
-    batch.add(residual,
-              {"residual",
-               residual_comp_spv,
-               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_write, storage_read},
-               sizeof(IteratePush),
-               {sizes.iterate, 0, 0, weighted, 0, masked}});
-    batch.add(weights, {"weights",
-                        weights_comp_spv,
-                        {storage_read, storage_read, storage_read_write, storage_read_write},
-                        sizeof(IteratePush),
-                        {sizes.weights, 4 * sizes.iterate, 0, 0, robust}});
+    add(split, residual,
+        {"residual",
+         residual_comp_spv,
+         {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_write, storage_read},
+         sizeof(IteratePush),
+         {sizes.iterate, 0, 0, weighted, 0, masked}});
+    add(split, weights,
+        {"weights",
+         weights_comp_spv,
+         {storage_read, storage_read, storage_read_write, storage_read_write},
+         sizeof(IteratePush),
+         {sizes.weights, 4 * sizes.iterate, 0, 0, robust}});
   }
-  batch.add(normal_equations, {"normal_equations",
-                               normal_equations_comp_spv,
-                               {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
-                                storage_read, storage_write},
-                               sizeof(IteratePush),
-                               {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
-  batch.add(lm_step, {"lm_step",
-                      lm_step_comp_spv,
-                      {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write},
-                      sizeof(IteratePush),
-                      {0, photometric, adaptive}});
-  batch.add(iterate, {"iterate",
-                      iterate_comp_spv,
-                      {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read_write,
-                       storage_read_write, storage_write},
-                      sizeof(IteratePush),
-                      {sizes.iterate, photometric, adaptive, weighted, robust, masked}});
+  add(split, normal_equations,
+      {"normal_equations",
+       normal_equations_comp_spv,
+       {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read, storage_read,
+        storage_write},
+       sizeof(IteratePush),
+       {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
+  add(on_device && split, lm_step,
+      {"lm_step",
+       lm_step_comp_spv,
+       {storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_write},
+       sizeof(IteratePush),
+       {0, photometric, adaptive}});
+  add(on_device, iterate,
+      {"iterate",
+       iterate_comp_spv,
+       {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read_write, storage_read_write,
+        storage_write},
+       sizeof(IteratePush),
+       {sizes.iterate, photometric, adaptive, weighted, robust, masked}});
   batch.add(agreement, {"agreement",
                         agreement_comp_spv,
                         {storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, storage_read,
@@ -105,16 +118,18 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                         sizeof(IteratePush),
                         {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
   if (options.search.enabled)
-    batch.add(select, {"search",
-                       select_comp_spv,
-                       {storage_read, storage_read, storage_read, storage_read_write},
-                       sizeof(SelectPush),
-                       {sizes.iterate}});
-  batch.add(result, {"result",
-                     result_comp_spv,
-                     {storage_read, storage_read, storage_read, storage_read_write, storage_write},
-                     sizeof(ResultPush),
-                     {}});
+    add(on_device, select,
+        {"search",
+         select_comp_spv,
+         {storage_read, storage_read, storage_read, storage_read_write},
+         sizeof(SelectPush),
+         {sizes.iterate}});
+  add(on_device, result,
+      {"result",
+       result_comp_spv,
+       {storage_read, storage_read, storage_read, storage_read_write, storage_write},
+       sizeof(ResultPush),
+       {}});
   batch.make();
 }
 

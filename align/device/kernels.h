@@ -12,8 +12,8 @@ VkFormat texel_format(PixelFormat format);
 
 /// The shaders of shaders/, specialised for a plan.
 struct Kernels {
-  Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, const Layout& layout,
-          const WorkgroupSizes& sizes);
+  Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
+          const Layout& layout, const WorkgroupSizes& sizes);
 
   GreyPyramid pyramid;
   TargetMasks target_masks;

@@ -1,4 +1,5 @@
 #pragma once
+#include <algorithm>
 #include <array>
 #include <vector>
 
@@ -29,6 +30,12 @@ struct Layout {
   uint32_t most_entries = 0;               // of a level
   uint32_t match_places = 0;               // of a target, where starts are matched
 
+  /// Of the level that has most.
+  uint32_t most_elements() const {
+    uint32_t most = 0;
+    for (const shaders::LevelInfo& level : levels) most = std::max(most, level.element_count);
+    return most;
+  }
   uint32_t row_pixels() const { return blocks_x * ICLK_BLOCK; }
   /// Texels from an image to the next, in the buffer that holds this level.
   uint32_t level_stride(int level) const {

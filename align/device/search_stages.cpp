@@ -59,12 +59,15 @@ void Stages::select(Recorder& recorder, BufferId candidates, BufferId kept, uint
                     {pairs, 1, 1});
 }
 
-void Stages::search(Recorder& recorder, uint32_t pairs) const {
+void Stages::match(Recorder& recorder, uint32_t pairs) const {
   recorder.upload(run[*run_ids.starts], 0, sizeof(shaders::PairInfo) * pairs * static_cast<uint64_t>(options.search.starts()));
   if (matching)
     matching.find(recorder, memory,
                   {at(ids.pixels1), at(ids.references), at(ids.features), run[run_ids.pairs], run[*run_ids.starts],
                    kernels.target_masks, pairs, features});
+}
+
+void Stages::look_over_rotations(Recorder& recorder, uint32_t pairs) const {
   recorder.stage("search");
   const StartSearch& search = options.search;
   const auto starts = static_cast<uint32_t>(search.starts());

@@ -241,7 +241,10 @@ void Stages::align(Recorder& recorder, uint32_t pairs) const {
   // At every execution: an application may submit a recording more than once.
   recorder.copy(run[*run_ids.given], run[run_ids.pairs], sizeof(shaders::PairInfo) * pairs);
   if (plan.choose_features) enable(recorder, pairs);
-  if (options.search.enabled) search(recorder, pairs);
+  if (options.search.enabled) {
+    match(recorder, pairs);
+    look_over_rotations(recorder, pairs);
+  }
   uint32_t given = ICLK_FLAG_GIVEN;  // until the first dispatch that leaves a state
   for (int level = options.levels - 1; level >= 0; --level) {
     if (level == options.levels - 1 && options.photometric) {

@@ -63,9 +63,10 @@ struct Stages {
   void maps(engine::Recorder& recorder, std::span<const Run> references, uint32_t targets) const;
   /// Mask and Jacobian of references that have maps.
   void prepare(engine::Recorder& recorder, const Run& references) const;
-  /// Start search: the poses of the first `pairs` PairInfo are replaced by those that matching finds, or the best about them.
-  /// The starts must have been packed.
-  void search(engine::Recorder& recorder, uint32_t pairs) const;
+  /// Start search of the first `pairs` PairInfo, whose starts must have been packed. Matching replaces the poses of the pairs
+  /// that it can match (PairInfo::matched); looking over rotations, after it, those of the others.
+  void match(engine::Recorder& recorder, uint32_t pairs) const;
+  void look_over_rotations(engine::Recorder& recorder, uint32_t pairs) const;
   /// Residual and weights with which a level starts; nothing with unit weights.
   void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;
   /// One evaluation of the sums, in parts.

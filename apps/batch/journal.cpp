@@ -13,6 +13,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/refuse.h"
 #include "apps/io/json.h"
 #include "apps/io/output.h"
 #include "apps/io/text.h"
@@ -29,8 +30,6 @@ constexpr int kFormat = 2;  // 1 did not say what the results were made of
 [[noreturn]] void io_error(const std::string& path, const std::string& why) {
   throw Error(ErrorCode::io, "cannot write " + path + ": " + why);
 }
-
-[[noreturn]] void refuse(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
 std::string in_brackets(const std::string& why) { return why.empty() ? "" : " (" + why + ")"; }
 

@@ -18,7 +18,7 @@ struct AlignOptions {
   bool json = false, profile = false;
 };
 
-const char* const kFooter =
+const char* const kAlignFooter =
     "Poses are T_10: they map points of camera 0 (REF) into camera 1 (TARGET), X_1 = R X_0 + t. A pose is a TUM line\n"
     "'tx ty tz qx qy qz qw' (a timestamp before it is ignored) or a 4x4 matrix row by row, as text or in a file.\n"
     "\n"
@@ -114,7 +114,7 @@ void add_align(CLI::App& app, int& exit) {
   command->add_flag("--json", options->json,
                     "The result as JSON (docs/schema/result-1.json) on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the time went, on standard error");
-  command->footer(std::string(kFooter) + kExitCodesHelp);
+  command->footer(std::string(kAlignFooter) + kExitCodesHelp);
   command->callback([options, &exit] { run_align(*options, exit); });
 }
 

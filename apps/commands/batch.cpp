@@ -34,7 +34,7 @@ struct BatchOptions {
   bool with_features = false;
 };
 
-const char* const kFooter =
+const char* const kBatchFooter =
     "MANIFEST.jsonl has a JSON object a line:\n"
     "  {\"id\": \"a\", \"reference\": \"rgb/a.png\", \"target\": \"rgb/b.png\", \"depth\": \"depth/a.png\"}\n"
     "  reference, target              image files; required\n"
@@ -309,7 +309,7 @@ void add_batch(CLI::App& app, int& exit) {
                     "Keep the list of features in the results: about 100 bytes a feature");
   options->load.add_to(*command, false);
   options->run.add_to(*command);
-  command->footer(kFooter);
+  command->footer(kBatchFooter);
   command->callback([options, command, &exit] { run_batch_command(*options, *command, exit); });
 }
 

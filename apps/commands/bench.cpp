@@ -22,7 +22,7 @@ struct BenchCommand {
   bool with_peers = false, layers = false, json = false;
 };
 
-const char* const kFooter =
+const char* const kBenchFooter =
     "Without --peers: ms a pair of every solver and of OpenCV's RgbdOdometry, on images made in code. A call takes references "
     "and targets\n"
     "in host memory to poses in host memory; compilation and allocation come before the first. Settings of the aligner are its "
@@ -137,7 +137,7 @@ void add_bench(CLI::App& app, int& exit) {
     if (option->get_name() != "--device" && option->get_name() != "--model" &&
         std::find(own.begin(), own.end(), option) == own.end())
       option->needs(peers);
-  command->footer(std::string(kFooter));
+  command->footer(std::string(kBenchFooter));
   command->callback([options, &exit] { run(*options, exit); });
 }
 

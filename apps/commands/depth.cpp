@@ -26,7 +26,7 @@ struct DepthCommand {
   bool json = false, fill = false, peers = false, profile = false;
 };
 
-const char* const kFooter =
+const char* const kDepthFooter =
     "Poses are T_10: they map points of REF's camera into TARGET's, X_1 = R X_0 + t, in metres.\n"
     "\n"
     "Written to --out: depth.tiff and depth.exr (32-bit float metres, 0: none), depth.png (16 bit; its scale is printed),\n"
@@ -195,7 +195,7 @@ void add_depth(CLI::App& app) {
   command->add_flag("--peers", options->peers, "Run OpenCV's stereo methods on the same pair, rectified");
   command->add_flag("--json", options->json, "The summary as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the device's time went, on standard error");
-  command->footer(std::string(kFooter) + kExitCodesHelp);
+  command->footer(std::string(kDepthFooter) + kExitCodesHelp);
   command->callback([options] { run_depth(*options); });
 }
 

@@ -28,7 +28,7 @@ struct EvalCommand {
   bool json = false;
 };
 
-const char* const kFooter =
+const char* const kEvalFooter =
     "SET is what `iclk render --pairs` wrote, or any manifest of `iclk batch` in which every pair has a truth. Tables: the "
     "error\n"
     "left after every stage, in the mean, the median and the 95th percentile over all pairs, and the share of pairs within 1 "
@@ -175,7 +175,7 @@ void add_eval(CLI::App& app, int& exit) {
   command->add_option("--seed", o->eval.seed, "Of the changes, and of --detector random")->capture_default_str();
   command->option_defaults()->group("Alignment");
   o->run.add_to(*command);
-  command->footer(std::string(kFooter) + kExitCodesHelp);
+  command->footer(std::string(kEvalFooter) + kExitCodesHelp);
   command->callback([o, &exit] { run(*o, exit); });
 }
 

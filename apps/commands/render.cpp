@@ -10,7 +10,7 @@
 namespace iclk {
 namespace {
 
-const char* const kFooter =
+const char* const kRenderFooter =
     "The map is in metres: x east, y north, z up. A camera looks along its z, x to the right, y down; T_WC maps its points "
     "into\n"
     "the map. Straight down with north above is '500 500 900 1 0 0 0' at x 500, y 500, 900 m high.\n"
@@ -163,7 +163,7 @@ void add_render(CLI::App& app, int& exit) {
   sub->add_option("--device", o->device, "Index, part of a name or UUID; default ICLK_DEVICE, else the best");
   // The second camera of a rig is where the rig has it, and pairs of a rig carry no features.
   for (CLI::Option* option : {translation, rotation, orbit, start, count, border, detector, target}) rig->excludes(option);
-  sub->footer(std::string(kFooter) + kExitCodesHelp);
+  sub->footer(std::string(kRenderFooter) + kExitCodesHelp);
   sub->callback([o, &exit] {
     run_render(*o);
     exit = kConverged;

@@ -19,7 +19,7 @@ struct StereoCommand {
   double rotation = 0.02, bending = 2;
 };
 
-const char* const kFooter =
+const char* const kStereoFooter =
     "INPUT is a folder with left/, right/ and depth/ (of the left camera), files paired by the order of their names, or a\n"
     "JSONL manifest, a line a pair: {\"left\": \"l.png\", \"right\": \"r.png\", \"depth\": \"l.exr\" or \"features\": "
     "\"l.csv\", "
@@ -117,7 +117,7 @@ void add_stereo(CLI::App& app, int& exit) {
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->option_defaults()->group("Output");
   command->add_option("--out", run_options.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
-  command->footer(std::string(kFooter) + kExitCodesHelp);
+  command->footer(std::string(kStereoFooter) + kExitCodesHelp);
   command->callback([options, &exit] { run(*options, exit); });
 }
 

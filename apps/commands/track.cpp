@@ -23,7 +23,7 @@ struct TrackCommand {
   std::string camera, distortion, solver = "device", readout = "0", depth_sigma;
 };
 
-const char* const kFooter =
+const char* const kTrackFooter =
     "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or\n"
     "depths whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. Or it is\n"
     "a stereo recording in EuRoC's layout (cam0, cam1 with data.csv and sensor.yaml; mav0): the rectified pairs give the\n"
@@ -169,7 +169,7 @@ void add_track(CLI::App& app) {
   command->add_option("--out", run.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
   command->add_flag("--fresh", run.fresh, "Begin anew where a run was stopped, instead of going on");
   command->add_flag("--peers", options->peers, "Other methods from frame to frame, beside the truth");
-  command->footer(std::string(kFooter) + kExitCodesHelp);
+  command->footer(std::string(kTrackFooter) + kExitCodesHelp);
   command->callback([options] { run_track(*options); });
 }
 

@@ -5,6 +5,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/refuse.h"
 #include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
@@ -13,8 +14,6 @@
 
 namespace iclk {
 namespace {
-
-[[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
 std::vector<SE3> poses_of_file(const std::string& path) {
   std::vector<SE3> poses;
@@ -31,9 +30,9 @@ std::vector<SE3> poses_of_file(const std::string& path) {
 void read_result(const std::string& path, DepthInput& input) {
   std::string why;
   const auto json = parse_json(read_file(path), &why);
-  if (json.is_discarded() || !json.is_object()) fail(path + ": no JSON of iclk align: " + why);
+  if (json.is_discarded() || !json.is_object()) refuse(path + ": no JSON of iclk align: " + why);
   const auto pose = json.find("T_10");
-  if (pose == json.end()) fail(path + ": has no T_10; give the result.json of iclk align");
+  if (pose == json.end()) refuse(path + ": has no T_10; give the result.json of iclk align");
   input.T_10.push_back(parse_pose(pose->dump(), path + ": T_10"));
   const auto features = json.find("features");
   if (features == json.end() || !features->is_array()) return;
@@ -51,7 +50,7 @@ void read_result(const std::string& path, DepthInput& input) {
 
 DepthRange parse_range(const std::string& text) {
   const std::vector<double> ends = parse_numbers(text, "--depth-range NEAR,FAR");
-  if (ends.size() != 2) fail("--depth-range " + text + ": wants NEAR,FAR in metres, like 2,40");
+  if (ends.size() != 2) refuse("--depth-range " + text + ": wants NEAR,FAR in metres, like 2,40");
   const DepthRange range{ends[0], ends[1]};
   range.check();
   return range;
@@ -69,8 +68,8 @@ DepthInput load_depth_input(const DepthFiles& files) {
     for (const SE3& T : poses_of_file(files.pose_file)) input.T_10.push_back(T);
   for (const std::string& pose : files.poses) input.T_10.push_back(load_pose(pose, "--pose"));
   if (input.T_10.size() != files.targets.size())
-    fail(std::to_string(files.targets.size()) + " targets and " + std::to_string(input.T_10.size()) +
-         " poses; give --pose once a target, --poses with a line a target, or --result");
+    refuse(std::to_string(files.targets.size()) + " targets and " + std::to_string(input.T_10.size()) +
+           " poses; give --pose once a target, --poses with a line a target, or --result");
   if (!files.range.empty()) input.range = parse_range(files.range);
 
   input.reference = load_image(files.reference);
@@ -83,8 +82,8 @@ DepthInput load_depth_input(const DepthFiles& files) {
   for (const std::string& path : files.targets) {
     cv::Mat image = load_image(path);
     if (image.size() != input.reference.size())
-      fail(path + ": " + std::to_string(image.cols) + "x" + std::to_string(image.rows) + " pixels, but " + files.reference +
-           " has " + std::to_string(input.reference.cols) + "x" + std::to_string(input.reference.rows));
+      refuse(path + ": " + std::to_string(image.cols) + "x" + std::to_string(image.rows) + " pixels, but " + files.reference +
+             " has " + std::to_string(input.reference.cols) + "x" + std::to_string(input.reference.rows));
     input.cameras.push_back(fit_camera(target_camera, image.cols, image.rows));
     if (const auto u = pinhole(target_camera, input.cameras.back())) image = u->image(image);
     input.targets.push_back(image);
@@ -105,9 +104,9 @@ DepthInput load_depth_input(const DepthFiles& files) {
         if (depth.at<float>(v, u) > 0) known.push_back(1 / static_cast<double>(depth.at<float>(v, u)));
   }
   if (known.empty())
-    fail(files.reference +
-         ": where to look for depth is not said; give --depth-range NEAR,FAR or sparse "
-         "depths with --features, --depth or --result");
+    refuse(files.reference +
+           ": where to look for depth is not said; give --depth-range NEAR,FAR or sparse "
+           "depths with --features, --depth or --result");
   input.range = range_of(known);
   return input;
 }

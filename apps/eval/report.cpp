@@ -16,10 +16,10 @@ struct PaperRow {
   const char* e_transl;
   const char* e_rot;
 };
-const std::map<std::string, PaperRow> kPaper = {{"initial", {"33.986", "4.934", "0.075"}},
-                                                {"iclk", {"1.286", "3.257", "0.020"}},
-                                                {"feature_alignment", {"0.413", "3.257", "0.020"}},
-                                                {"pose", {"0.121", "0.089", "<0.0005"}}};
+const std::map<std::string, PaperRow> kPaperRows = {{"initial", {"33.986", "4.934", "0.075"}},
+                                                    {"iclk", {"1.286", "3.257", "0.020"}},
+                                                    {"feature_alignment", {"0.413", "3.257", "0.020"}},
+                                                    {"pose", {"0.121", "0.089", "<0.0005"}}};
 
 const char* apply_name(ApplyTo apply) {
   return apply == ApplyTo::reference ? "reference" : apply == ApplyTo::target ? "target" : "both";
@@ -48,8 +48,8 @@ std::string stage_line(const StageRow& row, bool with_paper) {
   std::string out = formatted("%-20s %6d |", row.stage.c_str(), row.ran);
   out += spread_cells(row.e_pixel) + spread_cells(row.e_transl) + spread_cells(row.e_rot);
   out += formatted(" %6s %6s |", percent(row.within_1px).c_str(), percent(row.within_3px).c_str());
-  const auto paper = kPaper.find(row.stage);
-  if (with_paper && paper != kPaper.end())
+  const auto paper = kPaperRows.find(row.stage);
+  if (with_paper && paper != kPaperRows.end())
     out += formatted(" %6s %6s %7s", paper->second.e_pixel, paper->second.e_transl, paper->second.e_rot);
   return out + "\n";
 }
@@ -156,7 +156,7 @@ std::string to_table(const EvalReport& report) {
 nlohmann::ordered_json to_json(const EvalReport& report) {
   const EvalOptions& o = report.options;
   Json paper = Json::object(), blocks = Json::array();
-  for (const auto& [stage, row] : kPaper)
+  for (const auto& [stage, row] : kPaperRows)
     paper[stage] = {{"e_pixel", row.e_pixel}, {"e_transl", row.e_transl}, {"e_rot", row.e_rot}};
   for (const EvalBlock& block : report.blocks) {
     Json methods = Json::array();

@@ -21,8 +21,6 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
-
 /// A line and its pair's place in the set.
 struct Work {
   const ManifestLine* line;
@@ -62,7 +60,7 @@ EvalSample begin_sample(const std::string& id, int variant, const PairInput& pai
   sample.variant = variant;
   sample.start = pose_error(pair.camera, pair.features, pair.T_10, *pair.truth);
   sample.stages = {{"initial", sample.start, true}};
-  sample.nees = kNaN;
+  sample.nees = std::numeric_limits<double>::quiet_NaN();
   return sample;
 }
 

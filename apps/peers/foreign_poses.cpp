@@ -7,26 +7,24 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/refuse.h"
 #include "apps/io/pose_text.h"
 #include "apps/io/text.h"
 
 namespace iclk {
 namespace {
 
-using Json = nlohmann::json;
-
-[[noreturn]] void fail(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
-
-ForeignPoses::Pose pose_of(const Json& line, const std::string& where) {
+ForeignPoses::Pose pose_of(const nlohmann::json& line, const std::string& where) {
   ForeignPoses::Pose pose;
   const auto T = line.find("T_10"), claimed = line.find("claimed"), status = line.find("status"), ms = line.find("ms");
   if (T != line.end() && !T->is_null()) {
-    if (!T->is_array()) fail(where + ": key 'T_10' is " + printable(T->dump()) + "; a 4x4 nested list or null is needed");
+    if (!T->is_array()) refuse(where + ": key 'T_10' is " + printable(T->dump()) + "; a 4x4 nested list or null is needed");
     pose.T_10 = parse_pose(T->dump(), where + ": key 'T_10'");
     pose.has_pose = true;
   }
   if (claimed != line.end()) {
-    if (!claimed->is_boolean()) fail(where + ": key 'claimed' is " + printable(claimed->dump()) + "; true or false is needed");
+    if (!claimed->is_boolean())
+      refuse(where + ": key 'claimed' is " + printable(claimed->dump()) + "; true or false is needed");
     pose.claimed = claimed->get<bool>();
   } else {
     pose.claimed = status == line.end() ? pose.has_pose : *status == "converged";
@@ -41,7 +39,7 @@ ForeignPoses::Pose pose_of(const Json& line, const std::string& where) {
 ForeignPoses::ForeignPoses(const std::string& argument) {
   const size_t equals = argument.find('=');
   if (equals == 0 || equals == std::string::npos || equals + 1 == argument.size())
-    fail("--peer-results '" + printable(argument) + "' is not NAME=FILE, such as 'XFeat + LighterGlue=xfeat.jsonl'");
+    refuse("--peer-results '" + printable(argument) + "' is not NAME=FILE, such as 'XFeat + LighterGlue=xfeat.jsonl'");
   name_ = argument.substr(0, equals);
   path_ = argument.substr(equals + 1);
   const std::string bytes = read_file(path_, size_t{4} << 30);
@@ -50,20 +48,20 @@ ForeignPoses::ForeignPoses(const std::string& argument) {
     const std::string where = path_ + ":" + std::to_string(++number);
     const std::string_view text = trim(raw);
     if (text.empty()) continue;
-    const Json line = Json::parse(text, nullptr, false);
-    if (!line.is_object()) fail(where + ": not a JSON object");
+    const auto line = nlohmann::json::parse(text, nullptr, false);
+    if (!line.is_object()) refuse(where + ": not a JSON object");
     const auto id = line.find("id");
     if (id == line.end()) continue;
-    if (!id->is_string() && !id->is_number_integer()) fail(where + ": key 'id' is " + printable(id->dump()));
+    if (!id->is_string() && !id->is_number_integer()) refuse(where + ": key 'id' is " + printable(id->dump()));
     const std::string key = id->is_string() ? id->get<std::string>() : id->dump();
-    if (!poses_.emplace(key, pose_of(line, where)).second) fail(where + ": id '" + printable(key) + "' comes twice");
+    if (!poses_.emplace(key, pose_of(line, where)).second) refuse(where + ": id '" + printable(key) + "' comes twice");
   }
 }
 
 const ForeignPoses::Pose& ForeignPoses::of(const std::string& id) const {
   const auto found = poses_.find(id);
   if (found == poses_.end())
-    fail(
+    refuse(
         path_ + ": no line has the id '" + printable(id) +
         "'; every pair needs one, with T_10 null where there is no pose. `iclk eval --export` with the same options writes the "
         "pairs by these ids");

@@ -16,6 +16,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/refuse.h"
 #include "apps/io/distortion.h"
 #include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
@@ -29,8 +30,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
-
-[[noreturn]] void refuse(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
 std::string id_of(uint64_t index) {
   char text[24];

@@ -6,6 +6,8 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/angles.h"
+#include "apps/common/refuse.h"
 #include "apps/io/output.h"
 #include "apps/io/text.h"
 #include "apps/render/geotiff.h"
@@ -17,17 +19,14 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-constexpr double kDegree = M_PI / 180;
 constexpr int kWidth = 752, kHeight = 480;
 constexpr double kFocal = 455;  // px at kWidth
-
-[[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
 /// Exactly `count` numbers.
 std::vector<double> numbers(const std::string& text, size_t count, const std::string& option) {
   std::vector<double> values = parse_numbers(text, option);
   if (values.size() != count)
-    fail(option + " '" + printable(text) + "': " + std::to_string(count) + " numbers are needed, separated by commas");
+    refuse(option + " '" + printable(text) + "': " + std::to_string(count) + " numbers are needed, separated by commas");
   return values;
 }
 
@@ -60,14 +59,14 @@ double tilt_degrees(const RenderCommand& command) { return command.tilt.value_or
 Terrain make_terrain(const RenderCommand& command) {
   if (command.terrain.empty()) {
     if (command.ortho.empty() || command.elevation.empty())
-      fail("which terrain? --ortho and --elevation (GeoTIFF), or --terrain procedural:SEED");
+      refuse("which terrain? --ortho and --elevation (GeoTIFF), or --terrain procedural:SEED");
     return load_terrain(command.ortho, command.elevation);
   }
   if (!command.ortho.empty() || !command.elevation.empty())
-    fail("--terrain makes its own mosaic and elevation; leave out --ortho and --elevation");
+    refuse("--terrain makes its own mosaic and elevation; leave out --ortho and --elevation");
   const auto bad = [&] {
-    fail("--terrain '" + printable(command.terrain) +
-         "': procedural:SEED or procedural:SEED:METRES, in whole numbers, is what there is");
+    refuse("--terrain '" + printable(command.terrain) +
+           "': procedural:SEED or procedural:SEED:METRES, in whole numbers, is what there is");
   };
   const std::vector<std::string> words = split_words(command.terrain, ":");
   if (words.size() < 2 || words.size() > 3 || words[0] != "procedural") bad();
@@ -86,7 +85,7 @@ RenderedCameras make_cameras(const RenderCommand& command) {
     if (!command.shock.empty()) {
       const std::vector<double> shock = numbers(command.shock, 2, "--shock");
       if (!(shock[0] >= 0 && shock[0] <= 90 && shock[1] >= 0) || !std::isfinite(shock[1]))
-        fail("--shock " + command.shock + ": degrees, 0 to 90, and metres that are not negative");
+        refuse("--shock " + command.shock + ": degrees, 0 to 90, and metres that are not negative");
       T_rl = T_rl * knock(shock[1], shock[0] * kDegree, command.pair.seed);
     }
     cameras.left = fitted(file.left, command.size);
@@ -121,7 +120,7 @@ PairOptions pair_options(const RenderCommand& command, const RenderedCameras& ca
   if (!command.orbit.empty()) {
     const std::vector<double> orbit = numbers(command.orbit, 2, "--orbit");
     options.orbit_min = orbit[0] * kDegree, options.orbit_max = orbit[1] * kDegree;
-    if (!(options.orbit_max > 0)) fail("--orbit " + command.orbit + ": MAX must be above 0");
+    if (!(options.orbit_max > 0)) refuse("--orbit " + command.orbit + ": MAX must be above 0");
   }
   if (!command.start.empty()) {
     const std::vector<double> start = numbers(command.start, 2, "--start");

@@ -6,6 +6,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/refuse.h"
 #include "apps/io/json.h"
 #include "apps/io/output.h"
 #include "apps/io/text.h"
@@ -17,8 +18,6 @@ using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
 constexpr int kVersion = 1;
-
-[[noreturn]] void refuse(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
 /// Throws if the two differ in any key, with the first.
 void compare_options(const std::string& path, const Json& old, const Json& now) {

@@ -7,6 +7,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include "apps/common/angles.h"
 #include "apps/io/distortion.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
@@ -17,7 +18,6 @@ namespace iclk {
 namespace {
 
 using Json = nlohmann::ordered_json;
-constexpr double kDegree = M_PI / 180;
 
 /// What `image` shows through the rotation into the rectified frame, black where it shows nothing.
 cv::Mat rectified(const cv::Mat& image, const Camera& camera, const Eigen::Matrix3d& R) {

@@ -10,6 +10,7 @@
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/angles.h"
 #include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
@@ -23,7 +24,6 @@ namespace iclk {
 namespace {
 
 namespace fs = std::filesystem;
-constexpr double kDegree = M_PI / 180;
 
 std::vector<std::string> images_of(const std::string& folder) {
   std::vector<std::string> files;

@@ -16,6 +16,7 @@
 #include <iclk/rig/flex.h>
 #include <iclk/rig/rig.h>
 
+#include "apps/common/angles.h"
 #include "apps/io/distortion.h"
 #include "apps/io/images.h"
 #include "apps/render/procedural.h"
@@ -26,7 +27,7 @@
 namespace iclk {
 namespace {
 
-constexpr double kDegree = M_PI / 180, kDepthNoise = 0.005;
+constexpr double kDepthNoise = 0.005;
 const Camera kCamera{300, 300, 187.5, 119.5, 376, 240};
 const SE3 kRest{Eigen::Matrix3d::Identity(), {-1.5, 0, 0}};
 

@@ -154,7 +154,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
 
   const internal::Layout layout(plan, options, model.get());
   const internal::WorkgroupSizes sizes(context->info(), options);
-  const internal::Kernels kernels(context, plan, options, layout, sizes);
+  const internal::Kernels kernels(context, plan, options, Solver::host, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
   internal::DeviceNetwork network(*context, model, layout, plan, options, 1, {}, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, 1, ids.plan);

@@ -15,8 +15,6 @@ using test::bytes_of;
 using test::expect_error;
 using test::Folder;
 
-const bool kPrepared = (prepare_opencv(), true);
-
 cv::Mat noise(int type, int width = 40, int height = 30) {
   cv::Mat m(height, width, type);
   cv::randu(m, 0, CV_MAT_DEPTH(type) == CV_8U ? 255 : 60000);
@@ -24,7 +22,6 @@ cv::Mat noise(int type, int width = 40, int height = 30) {
 }
 
 TEST(ImageHeaders, SayWhatIsDecoded) {
-  ASSERT_TRUE(kPrepared);
   const Folder folder;
   const std::vector<std::pair<std::string, std::vector<int>>> formats = {
       {"png", {CV_8UC1, CV_8UC3, CV_8UC4, CV_16UC1, CV_16UC3, CV_16UC4}},

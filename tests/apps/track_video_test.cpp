@@ -20,7 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kFrames = 16;
+constexpr int kVideoFrames = 16;
 const Camera kCamera{280, 280, 159.5, 119.5, 320, 240};
 
 SE3 pose(int i) {
@@ -39,7 +39,7 @@ class TrackVideo : public ::testing::Test {
     TerrainRenderer renderer(device(), std::make_shared<const Terrain>(procedural_terrain({.seed = 3, .size = 256})));
     cv::VideoWriter writer(video(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 20, cv::Size(320, 240));
     fs::create_directories(depths());
-    for (int i = 0; i < kFrames; ++i) {
+    for (int i = 0; i < kVideoFrames; ++i) {
       const View view = renderer.render(kCamera, pose(i));
       cv::Mat bgr;
       cv::cvtColor(cv::Mat(240, 320, CV_8UC4, const_cast<uint32_t*>(view.rgba.data())), bgr, cv::COLOR_RGBA2BGR);
@@ -61,7 +61,7 @@ class TrackVideo : public ::testing::Test {
   /// m, of the last pose of a trajectory.
   static double error(const std::string& trajectory) {
     const auto poses = load_trajectory(trajectory);
-    return (poses.back().T_wc.t - (pose(0).inverse() * pose(kFrames - 1)).t).norm();
+    return (poses.back().T_wc.t - (pose(0).inverse() * pose(kVideoFrames - 1)).t).norm();
   }
   static inline Folder* folder_ = nullptr;
 };
@@ -88,13 +88,13 @@ TEST_F(TrackVideo, WithDepthImagesAndWithTheFirstAlone) {
 TEST_F(TrackVideo, FramesAreReadInAnyOrder) {
   ICLK_NEED_DEVICE();
   Video a(video()), b(video());
-  ASSERT_EQ(a.size(), kFrames);
+  ASSERT_EQ(a.size(), kVideoFrames);
   EXPECT_TRUE(a.problem().empty());
   std::vector<cv::Mat> images;
-  for (int i = 0; i < kFrames; ++i) images.push_back(a.read(i).clone());
+  for (int i = 0; i < kVideoFrames; ++i) images.push_back(a.read(i).clone());
   for (const int i : {7, 3, 4, 15, 0}) EXPECT_EQ(cv::norm(b.read(i), images[static_cast<size_t>(i)], cv::NORM_INF), 0) << i;
   EXPECT_GT(cv::norm(images[3], images[4], cv::NORM_INF), 10);
-  EXPECT_THROW(b.read(kFrames), Error);
+  EXPECT_THROW(b.read(kVideoFrames), Error);
 }
 
 TEST_F(TrackVideo, WhatIsNoVideoIsSaid) {
@@ -112,7 +112,7 @@ TEST_F(TrackVideo, WhatIsNoVideoIsSaid) {
   refused(video(), {}, 3, "--depth");
   fs::create_directories(folder.path("none_at_all"));
   refused(video(), {"--depth", folder.path("none_at_all")}, 3, "0 depth images");
-  for (int i = 0; i <= kFrames; ++i) folder.write("many/" + std::to_string(i) + ".png", "");
+  for (int i = 0; i <= kVideoFrames; ++i) folder.write("many/" + std::to_string(i) + ".png", "");
   refused(video(), {"--depth", folder.path("many")}, 3, "17 depth images");
   const Finished camera = run({"track", video(), "--depth", depths()});
   EXPECT_EQ(camera.code, 4);
