@@ -281,6 +281,39 @@ TEST_P(Matched, APairMayBeginAtItsGuess) {
   EXPECT_EQ(results[3].status, Status::degenerate) << results[3].reason;
 }
 
+// Rotations cost a submission and kernels of their own.
+TEST(MatchedOnHost, LooksOverRotationsOnlyWhereNothingWasMatched) {
+  ICLK_NEED_DEVICE();
+  const Relief scene = parallax(1);
+  Relief other = parallax(21);
+  const auto aligner = make_device_aligner(device(), plan_of(scene), matching(), Solver::host);
+  aligner->enable_timing(true);
+  aligner->set_reference(0, {render(scene, 0).view(), scene.camera, random_features(scene, 120), {}});
+  const auto searched = [&] {
+    return std::any_of(aligner->times().begin(), aligner->times().end(),
+                       [](const engine::StageTime& stage) { return stage.name == "search"; });
+  };
+  const Frame image1 = render(scene, 1), unrelated = render(other, 1);
+  EXPECT_TRUE(aligner->align({.target = image1.view()}).converged());
+  EXPECT_FALSE(searched());
+  EXPECT_FALSE(aligner->align({.target = unrelated.view()}).converged());
+  if (device()->timestamp_valid_bits() > 0) EXPECT_TRUE(searched());
+}
+
+TEST_P(Matched, WarmingUpChangesNothing) {
+  const Relief scene = parallax(1);
+  const Features features = random_features(scene, 120);
+  const Frame image0 = render(scene, 0), image1 = render(scene, 1);
+  const auto aligner = make_aligner(way(), plan_of(scene), matching());
+  aligner->warm_up();
+  aligner->set_reference(0, {image0.view(), scene.camera, features, {}});
+  const Alignment cold = align_once(way(), scene, image0, image1, features, matching());
+  EXPECT_TRUE(cold.converged()) << cold.reason;
+  EXPECT_TRUE(same_bits(aligner->align({.target = image1.view()}), cold));
+  aligner->warm_up();
+  EXPECT_TRUE(same_bits(aligner->align({.target = image1.view()}), cold));
+}
+
 TEST_P(Matched, UnrelatedImagesAreNotClaimed) {
   for (uint32_t seed = 1; seed <= 6; ++seed) {
     const Relief scene = parallax(seed);

@@ -95,6 +95,24 @@ TEST(Kernel, EqualDescriptionsAreOnePipelineOfTheirContext) {
   EXPECT_NE(pipeline_of(device(), "scale", 8), first) << "other code at the same place";
 }
 
+TEST(Kernel, ADeferredOneIsCheckedAtOnceAndMadeWhereItIsRecorded) {
+  ICLK_NEED_DEVICE();
+  KernelDescription description{.name = "deferred",
+                                .spirv = scale_comp_spv,
+                                .bindings = {BindingKind::storage_read_write},
+                                .push_constant_bytes = 2,
+                                .specialization = {8}};
+  EXPECT_THROW(Kernel::deferred(device(), description), Error);
+  description.push_constant_bytes = sizeof(ScalePush);
+  std::vector<uint32_t> words(scale_comp_spv.texels.begin(), scale_comp_spv.texels.end());
+  description.spirv = words;
+  const Kernel deferred = Kernel::deferred(device(), description), copy = deferred;
+  words[2] += 7;  // read now: other code than an eager kernel of before has
+  const Kernel eager(device(), description);
+  EXPECT_EQ(deferred.pipeline(), eager.pipeline()) << "it was made too early";
+  EXPECT_EQ(copy.pipeline(), deferred.pipeline());
+}
+
 TEST(Kernel, RejectsWhatIsNotSpirvAndNamesIt) {
   ICLK_NEED_DEVICE();
   const std::vector<uint32_t> text(8, 0x41414141);

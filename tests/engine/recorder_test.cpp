@@ -52,6 +52,18 @@ class RecorderTest : public ::testing::Test {
   Kernel scale;
 };
 
+TEST_F(RecorderTest, ToCompileIsToComputeNothing) {
+  run(context, [&](Recorder& recorder) {
+    recorder.copy(memory[upload], memory[a], bytes);
+    recorder.compile_only();
+    dispatch(recorder, a);
+    recorder.copy(memory[a], memory[readback], bytes);
+    recorder.host_read({&memory[readback]});
+    EXPECT_EQ(recorder.dispatches(), 0u);
+  });
+  expect_scaled(0);
+}
+
 TEST_F(RecorderTest, ChainsOfWritesAndReads) {
   run(context, [&](Recorder& recorder) {
     recorder.copy(memory[upload], memory[a], bytes);     // transfer writes a
