@@ -8,9 +8,10 @@
 #include <spdlog/sinks/stdout_color_sinks.h>
 #include <spdlog/spdlog.h>
 
+#include <iclk/session/io/text.h>
+
 #include "apps/commands/command.h"
 #include "apps/io/images.h"
-#include "apps/io/text.h"
 #include "apps/version.h"
 
 namespace {

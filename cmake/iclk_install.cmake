@@ -4,14 +4,18 @@
 include(CMakePackageConfigHelpers)
 set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
 
-install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_rig iclk_track EXPORT iclk
+install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_rig iclk_session iclk_track EXPORT iclk
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(room engine align depth refine rig track)
+foreach(room engine align depth refine rig session track)
   file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
+  list(FILTER headers EXCLUDE REGEX "/iclk\\.h$")
   install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/${room})
 endforeach()
+install(FILES session/iclk.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk)
 install(FILES shaders/shared.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders)
 install(FILES shaders/refine/refine.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders/refine)
+# A session finds them there.
+install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/iclk/models FILES_MATCHING PATTERN "*.safetensors" PATTERN "*.md")
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 install(EXPORT iclk NAMESPACE iclk:: FILE iclkTargets.cmake DESTINATION ${ICLK_PACKAGE_DIR})

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <chrono>
+#include <span>
 #include <utility>
 
 #include <nanobind/stl/optional.h>
@@ -7,12 +8,12 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include <iclk/engine/error.h>
+#include <iclk/session/session.h>
 
-#include "python/aligner.h"
 #include "python/arrays.h"
 #include "python/bindings.h"
 #include "python/device.h"
+#include "python/options.h"
 #include "python/results.h"
 #include "python/work.h"
 
@@ -28,19 +29,19 @@ class BoundAligner {
  public:
   BoundAligner(int width, int height, int references, int batch, int features, const Keywords& options,
                std::vector<std::string> folders) {
-    if (references < 1 || batch < 1)
-      throw Error(ErrorCode::invalid_argument,
-                  "references " + std::to_string(references) + " and batch " + std::to_string(batch) + " must be positive");
-    const Options parsed = parse_options(options, std::move(folders));
+    SessionOptions parsed = parse_options(options, std::move(folders));
+    parsed.references = references;
+    parsed.batch = batch;
     const auto context = parsed.solver == Solver::cpu ? nullptr : shared_device(parsed.device);
     const Working working;
-    aligner_.reset(
-        std::make_unique<Aligner>(parsed, Aligner::Sizes{width, height, references, batch, std::max(features, 1)}, context));
+    auto made = std::make_unique<Session>(parsed, context);
+    made->expect(width, height, std::max(features, 1));
+    session_.reset(std::move(made));
   }
 
   std::vector<std::string> set_reference(int slot, const Array& image, const Points& uv, const Vector& inverse_depth,
                                          const Vector& sigma, const Intrinsics& intrinsics) {
-    aligner_.check();
+    session_.check();
     Reference reference;
     reference.image = image_view(image);
     reference.features = python::features(uv, inverse_depth, &sigma);
@@ -48,8 +49,8 @@ class BoundAligner {
     std::vector<FeatureCheck> checks;
     {
       const Working working;
-      const auto lock = aligner_.lock();
-      checks = aligner_.get()->set_reference(slot, reference);
+      const auto lock = session_.lock();
+      checks = session_.get()->set_reference(slot, reference);
     }
     std::vector<std::string> names;
     for (const FeatureCheck check : checks) names.emplace_back(name(check));
@@ -57,7 +58,7 @@ class BoundAligner {
   }
 
   nb::typed<nb::list, Fields> align(const std::vector<PairItem>& items) {
-    aligner_.check();
+    session_.check();
     std::vector<Pair> pairs;
     for (const auto& [slot, target, guess, mask] : items) {
       Pair pair{slot, image_view(target), guess ? pose(*guess) : SE3(), {}, !guess};
@@ -65,7 +66,8 @@ class BoundAligner {
       pairs.push_back(pair);
     }
     // A signal is seen between two batches, of the CPU between two pairs.
-    const size_t step = aligner_.get()->on_cpu() ? 1 : static_cast<size_t>(aligner_.get()->sizes().batch);
+    const Session& session = *session_.get();
+    const size_t step = session.context() ? static_cast<size_t>(session.options().batch) : 1;
     nb::typed<nb::list, Fields> out;
     for (size_t first = 0; first < pairs.size(); first += step) {
       const size_t count = std::min(step, pairs.size() - first);
@@ -73,12 +75,11 @@ class BoundAligner {
       std::vector<Reference> references;
       {
         const Working working;
-        const auto lock = aligner_.lock();
-        const auto begin = pairs.begin() + static_cast<std::ptrdiff_t>(first);
+        const auto lock = session_.lock();
         const auto start = std::chrono::steady_clock::now();
-        results = aligner_.get()->align({begin, begin + static_cast<std::ptrdiff_t>(count)});
+        results = session_.get()->align(std::span<const Pair>(pairs).subspan(first, count));
         milliseconds_ += std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-        for (size_t i = 0; i < count; ++i) references.push_back(*aligner_.get()->reference(pairs[first + i].reference));
+        for (size_t i = 0; i < count; ++i) references.push_back(*session.reference(pairs[first + i].reference));
       }
       for (size_t i = 0; i < count; ++i) out.append(to_dict(results[i], references[i]));
       check_signals();
@@ -88,12 +89,12 @@ class BoundAligner {
 
   double milliseconds() const { return milliseconds_; }
   std::string device() const {
-    aligner_.check();
-    return aligner_.get()->device_name();
+    session_.check();
+    return session_.get()->device_name();
   }
 
  private:
-  Owned<Aligner> aligner_{"Aligner"};
+  Owned<Session> session_{"Aligner"};
   double milliseconds_ = 0;  // in the alignment itself, of all calls
 };
 

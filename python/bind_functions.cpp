@@ -5,10 +5,10 @@
 
 #include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
+#include <iclk/session/detect.h>
+#include <iclk/session/models.h>
 
-#include "apps/session/detect.h"
 #include "apps/session/model_info.h"
-#include "apps/session/model_lookup.h"
 #include "python/arrays.h"
 #include "python/bindings.h"
 #include "python/device.h"

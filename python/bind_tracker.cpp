@@ -8,28 +8,18 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include <iclk/align/model_file.h>
-#include <iclk/engine/error.h>
+#include <iclk/session/session.h>
 #include <iclk/track/tracker.h>
 
-#include "apps/io/depth_sigma.h"
-#include "apps/session/any_aligner.h"
-#include "apps/session/model_lookup.h"
 #include "python/arrays.h"
 #include "python/bindings.h"
 #include "python/device.h"
-#include "python/options.h"
 #include "python/work.h"
 
 namespace nb = nanobind;
 
 namespace iclk::python {
 namespace {
-
-struct Tracking {
-  std::unique_ptr<Aligner> aligner;
-  std::unique_ptr<Tracker> tracker;
-};
 
 /// iclk._core.Tracker: a tracker with the aligner that `iclk track` makes for it.
 class BoundTracker {
@@ -48,35 +38,26 @@ class BoundTracker {
     const DepthSigma noise = parse_depth_sigma(depth_sigma);
     options.depth_noise = {noise.constant + noise.disparity / std::abs(camera.fx), noise.relative};
     options.check();
-    const Solver solved_by = device == "cpu" ? Solver::cpu : parse_solver(solver);
-    const auto context = solved_by == Solver::cpu ? nullptr : shared_device(device);
+    const SessionOptions session{.model = model,
+                                 .model_folders = folders,
+                                 .device = device,
+                                 .solver = device == "cpu" ? Solver::cpu : parse_solver(solver)};
+    const auto context = session.solver == Solver::cpu ? nullptr : shared_device(device);
     const Working working;
-    AlignerOptions aligner;
-    std::shared_ptr<const Model> learned;
-    if (model != "classical") {
-      learned = std::make_shared<const Model>(load_model(find_model(model, folders)));
-      aligner = learned->options();
-    }
-    aligner.search.enabled = true;
-    Plan plan = Tracker::plan(camera, options);
-    if (learned) plan.format = PixelFormat::rgba8;
-    auto made = std::make_unique<Tracking>();
-    made->aligner = make_any_aligner(solved_by, context, plan, aligner, learned);
-    made->tracker = std::make_unique<Tracker>(*made->aligner, camera, options);
-    tracking_.reset(std::move(made));
+    tracker_.reset(std::make_unique<Tracker>(Session(session, context), camera, options));
   }
 
   nb::typed<nb::dict, nb::str, nb::any> track(double time, const Array& image, const std::optional<Array>& depth,
                                               const std::optional<Array>& mask) {
-    tracking_.check();
+    tracker_.check();
     TrackFrame frame{time, image_view(image), {}, {}};
     if (depth) frame.depth = image_view(*depth);
     if (mask) frame.mask = image_view(*mask);
     TrackResult r;
     {
       const Working working;
-      const auto lock = tracking_.lock();
-      r = tracking_.get()->tracker->track(frame);
+      const auto lock = tracker_.lock();
+      r = tracker_.get()->track(frame);
     }
     nb::typed<nb::dict, nb::str, nb::any> out;
     out["time"] = r.time;
@@ -101,8 +82,8 @@ class BoundTracker {
     size_t count = 0;
     {
       const Working working;
-      const auto lock = tracking_.lock();
-      const Tracker& tracker = *tracking_.get()->tracker;
+      const auto lock = tracker_.lock();
+      const Tracker& tracker = *tracker_.get();
       count = static_cast<size_t>(tracker.keyframe_count());
       for (size_t id = 0; id < count; ++id) {
         const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> T = tracker.keyframe_pose(static_cast<int>(id)).matrix();
@@ -116,8 +97,8 @@ class BoundTracker {
     std::vector<uint8_t> bytes;
     {
       const Working working;
-      const auto lock = tracking_.lock();
-      bytes = tracking_.get()->tracker->state();
+      const auto lock = tracker_.lock();
+      bytes = tracker_.get()->state();
     }
     return nb::bytes(bytes.data(), bytes.size());
   }
@@ -125,12 +106,12 @@ class BoundTracker {
   void restore(const nb::bytes& state) {
     const std::span bytes(static_cast<const uint8_t*>(state.data()), state.size());
     const Working working;
-    const auto lock = tracking_.lock();
-    tracking_.get()->tracker->restore(bytes);
+    const auto lock = tracker_.lock();
+    tracker_.get()->restore(bytes);
   }
 
  private:
-  Owned<Tracking> tracking_{"Tracker"};
+  Owned<Tracker> tracker_{"Tracker"};
 };
 
 }  // namespace

@@ -10,8 +10,8 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/engine/requirements.h>
+#include <iclk/session/device.h>
 
-#include "apps/session/any_aligner.h"
 #include "python/work.h"
 
 namespace nb = nanobind;

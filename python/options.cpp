@@ -1,5 +1,6 @@
 #include "python/options.h"
 
+#include <cmath>
 #include <functional>
 #include <map>
 #include <optional>
@@ -14,42 +15,49 @@ namespace nb = nanobind;
 namespace iclk::python {
 namespace {
 
-using Setter = std::function<void(Options&, nb::handle)>;
+using Setter = std::function<void(SessionOptions&, nb::handle)>;
 
 template <class T>
-Setter into(T& (*member)(Options&)) {
-  return [member](Options& options, nb::handle value) { member(options) = nb::cast<T>(value); };
+Setter into(T& (*member)(SessionOptions&)) {
+  return [member](SessionOptions& options, nb::handle value) { member(options) = nb::cast<T>(value); };
+}
+
+/// Of a word that `parse` knows.
+template <class Parse, class Set>
+Setter word(Parse parse, Set set) {
+  return [parse, set](SessionOptions& options, nb::handle value) { set(options) = parse(nb::cast<std::string>(value)); };
 }
 
 const std::map<std::string, Setter>& setters() {
   static const std::map<std::string, Setter> all = {
-      {"model", into<std::string>([](Options & o) -> auto& { return o.wish.model; })},
-      {"precision", into<std::string>([](Options & o) -> auto& { return o.wish.precision; })},
-      {"damping", into<std::string>([](Options & o) -> auto& { return o.wish.damping; })},
-      {"search", into<std::string>([](Options & o) -> auto& { return o.wish.search; })},
-      {"search_rotation", into<double>([](Options & o) -> auto& { return o.wish.search_rotation; })},
-      {"levels", into<std::optional<int>>([](Options & o) -> auto& { return o.wish.levels; })},
-      {"iterations", into<std::optional<int>>([](Options & o) -> auto& { return o.wish.iterations; })},
-      {"damping_lambda", into<std::optional<double>>([](Options & o) -> auto& { return o.wish.lambda; })},
-      {"carry", into<std::optional<double>>([](Options & o) -> auto& { return o.wish.carry; })},
-      {"robust", into<std::optional<std::string>>([](Options & o) -> auto& { return o.wish.robust; })},
-      {"photometric", into<std::optional<bool>>([](Options & o) -> auto& { return o.wish.photometric; })},
-      {"refine", into<bool>([](Options & o) -> auto& { return o.refine; })},
-      {"refine_rounds", into<int>([](Options & o) -> auto& { return o.refiner.rounds; })},
-      {"structure", into<bool>([](Options & o) -> auto& { return o.refiner.structure; })},
-      {"recolour", into<bool>([](Options & o) -> auto& { return o.refiner.feature_alignment.recolour; })},
-      {"rolling_shutter", into<bool>([](Options & o) -> auto& { return o.refiner.rolling_shutter; })},
-      {"camera_sigma", into<std::optional<double>>([](Options & o) -> auto& { return o.refiner.pose.camera_sigma; })},
-      {"device", into<std::string>([](Options & o) -> auto& { return o.device; })},
-      {"solver", [](Options& o, nb::handle value) { o.solver = parse_solver(nb::cast<std::string>(value)); }},
+      {"model", into<std::string>([](SessionOptions & o) -> auto& { return o.model; })},
+      {"precision", word(parse_precision, [](SessionOptions & o) -> auto& { return o.precision; })},
+      {"damping", word(parse_damping, [](SessionOptions & o) -> auto& { return o.damping; })},
+      {"search", word(parse_search, [](SessionOptions & o) -> auto& { return o.search; })},
+      {"search_rotation",
+       [](SessionOptions& o, nb::handle value) { o.start_search.rotation = nb::cast<double>(value) * M_PI / 180; }},
+      {"levels", into<std::optional<int>>([](SessionOptions & o) -> auto& { return o.levels; })},
+      {"iterations", into<std::optional<int>>([](SessionOptions & o) -> auto& { return o.iterations; })},
+      {"damping_lambda", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.lambda; })},
+      {"carry", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.carry; })},
+      {"robust", word(parse_robust, [](SessionOptions & o) -> auto& { return o.robust; })},
+      {"photometric", into<std::optional<bool>>([](SessionOptions & o) -> auto& { return o.photometric; })},
+      {"refine", into<bool>([](SessionOptions & o) -> auto& { return o.refine; })},
+      {"refine_rounds", into<int>([](SessionOptions & o) -> auto& { return o.refiner.rounds; })},
+      {"structure", into<bool>([](SessionOptions & o) -> auto& { return o.refiner.structure; })},
+      {"recolour", into<bool>([](SessionOptions & o) -> auto& { return o.refiner.feature_alignment.recolour; })},
+      {"rolling_shutter", into<bool>([](SessionOptions & o) -> auto& { return o.refiner.rolling_shutter; })},
+      {"camera_sigma", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.refiner.pose.camera_sigma; })},
+      {"device", into<std::string>([](SessionOptions & o) -> auto& { return o.device; })},
+      {"solver", word(parse_solver, [](SessionOptions & o) -> auto& { return o.solver; })},
   };
   return all;
 }
 
 }  // namespace
 
-Options parse_options(const Keywords& keywords, std::vector<std::string> folders) {
-  Options options;
+SessionOptions parse_options(const Keywords& keywords, std::vector<std::string> folders) {
+  SessionOptions options;
   for (const auto& [key, value] : keywords) {
     const auto name = nb::cast<std::string>(key);
     const auto setter = setters().find(name);
@@ -67,7 +75,7 @@ Options parse_options(const Keywords& keywords, std::vector<std::string> folders
     }
   }
   if (options.device == "cpu") options.solver = Solver::cpu;
-  options.folders = std::move(folders);
+  options.model_folders = std::move(folders);
   return options;
 }
 

@@ -5,7 +5,8 @@
 
 #include <nanobind/stl/string.h>
 
-#include "apps/session/feature_report.h"
+#include <iclk/session/feature_report.h>
+
 #include "python/arrays.h"
 
 namespace nb = nanobind;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <numbers>
 #include <sstream>
 
@@ -62,6 +63,18 @@ bool vote_of(const RefinedAlignment& r, const Matrix6d& floor, PoseVote& vote) {
   return vote.T.R.allFinite() && vote.T.t.allFinite() && vote.covariance.allFinite();
 }
 
+std::unique_ptr<Aligner> aligner_for(const Session& session, const Camera& camera, std::span<const RigPair> pairs) {
+  if (pairs.empty()) throw Error(ErrorCode::invalid_argument, "rig: no pairs");
+  int features = 1;
+  bool masks = false;
+  for (const RigPair& pair : pairs) {
+    features = std::max(features, pair.features.size());
+    masks = masks || !pair.right_mask.empty();
+  }
+  const int batch = std::min(session.options().batch, static_cast<int>(pairs.size()));
+  return session.make_aligner(rig_plan(camera, features, batch, masks));
+}
+
 std::string failure(std::span<const RigPairReport> pairs) {
   std::ostringstream why;
   why << "none of " << pairs.size() << " pairs could be aligned";
@@ -104,6 +117,16 @@ Plan rig_plan(const Camera& camera, int max_features, int max_pairs, bool masks)
   plan.max_references = plan.max_pairs = max_pairs;
   plan.target_masks = masks;
   return plan;
+}
+
+std::vector<RefinedAlignment> align_pairs(const Session& session, const Camera& camera, std::span<const RigPair> pairs,
+                                          const SE3& T_rl, const RefinerOptions& options, bool search) {
+  return align_pairs(*aligner_for(session, camera, pairs), camera, pairs, T_rl, options, search);
+}
+
+RigResult estimate_rig(const Session& session, const Camera& camera, std::span<const RigPair> pairs, const SE3& T_rl,
+                       const RigOptions& options) {
+  return estimate_rig(*aligner_for(session, camera, pairs), camera, pairs, T_rl, options);
 }
 
 std::vector<RefinedAlignment> align_pairs(Aligner& aligner, const Camera& camera, std::span<const RigPair> pairs,

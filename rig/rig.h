@@ -6,6 +6,7 @@
 #include <iclk/align/aligner.h>
 #include <iclk/refine/refiner.h>
 #include <iclk/rig/adjust.h>
+#include <iclk/session/session.h>
 
 namespace iclk {
 
@@ -69,12 +70,18 @@ Plan rig_plan(const Camera& camera, int max_features, int max_pairs, bool masks 
 /// Each pair by itself from `T_rl`, in batches of the aligner's plan. Uses its slots from 0 on. Throws what Aligner throws.
 std::vector<RefinedAlignment> align_pairs(Aligner& aligner, const Camera& camera, std::span<const RigPair> pairs,
                                           const SE3& T_rl, const RefinerOptions& options, bool search);
+/// The same with an aligner of the session's first model, made for these pairs, SessionOptions::batch at a time.
+std::vector<RefinedAlignment> align_pairs(const Session& session, const Camera& camera, std::span<const RigPair> pairs,
+                                          const SE3& T_rl, const RefinerOptions& options, bool search);
 
 /// Extrinsics that all pairs share: pairs by themselves, their robust mean by information (the sum of their 6x6 systems, see
 /// docs/stereo.md), all again from there, then pose and inverse depths together (adjust_rig). `T_rl`: of the old calibration.
 /// Throws Error(invalid_argument) for no pairs, bad options, a pose that is not finite or without baseline, and what Aligner
 /// throws; never for pairs that cannot be aligned.
 RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const RigPair> pairs, const SE3& T_rl,
+                       const RigOptions& options = {});
+/// The same with an aligner of the session's first model, made for these pairs, SessionOptions::batch at a time.
+RigResult estimate_rig(const Session& session, const Camera& camera, std::span<const RigPair> pairs, const SE3& T_rl,
                        const RigOptions& options = {});
 
 /// x with P(chi^2 of `freedom` degrees <= x) = 1 - p (Wilson and Hilferty 1931: within 1 % for p of 0.1 to 1e-6).

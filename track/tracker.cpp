@@ -176,6 +176,14 @@ void Tracker::Impl::begin(const TrackFrame& frame, TrackResult& result) {
   previous_origin.reset();
 }
 
+Tracker::Tracker(const Session& session, const Camera& camera, const TrackerOptions& options) {
+  options.check();
+  Plan needed = plan(camera, options);
+  if (session.stages().front().model) needed.format = PixelFormat::rgba8;
+  own_ = session.make_aligner(needed);
+  impl_ = std::make_unique<Impl>(*own_, camera, options);
+}
+
 Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options) {
   options.check();
   camera.check();

@@ -8,6 +8,7 @@
 #include <iclk/align/aligner.h>
 #include <iclk/refine/refiner.h>
 #include <iclk/refine/rolling_shutter.h>
+#include <iclk/session/session.h>
 #include <iclk/track/bundle.h>
 #include <iclk/track/detector.h>
 #include <iclk/track/keyframes.h>
@@ -92,6 +93,9 @@ class Tracker {
   /// nothing lost is found again. Of models the format has to be rgba8.
   static Plan plan(const Camera& camera, const TrackerOptions& options);
 
+  /// With an aligner of the session's first model, made for plan(). The session need not outlive the tracker. Throws
+  /// Error(invalid_argument) for bad options, and what Session::make_aligner() throws.
+  Tracker(const Session& session, const Camera& camera, const TrackerOptions& options = {});
   /// `aligner` must outlive the tracker, and nobody else use its slots. Throws Error(invalid_argument) for bad options and an
   /// aligner of a smaller plan.
   Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options = {});
@@ -115,6 +119,7 @@ class Tracker {
   struct Impl;  ///< internal/tracker_impl.h
 
  private:
+  std::unique_ptr<Aligner> own_;  // of a session; else null
   std::unique_ptr<Impl> impl_;
 };
 

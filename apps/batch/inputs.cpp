@@ -4,7 +4,9 @@
 
 #include <ctime>
 
-#include "apps/io/text.h"
+#include <iclk/session/io/text.h>
+
+#include "apps/io/json.h"
 
 namespace iclk {
 namespace {

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "apps/batch/manifest.h"
+#include "apps/session/pair_input.h"
 
 namespace iclk {
 

@@ -61,8 +61,7 @@ DecodedPair LoaderCache::load(const Manifest& manifest, const ManifestLine& line
   } catch (const Error& e) {
     throw Error(e.code(), place(manifest, line) + ": " + e.what());
   }
-  item.pair.T_10 = request.T_10.value_or(SE3());
-  item.pair.guessed = request.T_10.has_value();
+  item.pair.T_10 = request.T_10;
   item.pair.truth = request.truth;
   item.meta = request.meta;
   return item;

@@ -9,10 +9,10 @@
 #include <unordered_map>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/pose_text.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/io/json.h"
-#include "apps/io/pose_text.h"
-#include "apps/io/text.h"
 
 namespace iclk {
 namespace {

@@ -8,7 +8,7 @@
 
 #include <iclk/align/se3.h>
 
-#include "apps/session/pair_input.h"
+#include "apps/io/pair_files.h"
 
 namespace iclk {
 

@@ -7,9 +7,8 @@
 #include <set>
 
 #include <iclk/engine/error.h>
-
-#include "apps/io/output.h"
-#include "apps/session/tuning_cache.h"
+#include <iclk/session/io/output.h>
+#include <iclk/session/tuning_cache.h>
 
 namespace iclk {
 

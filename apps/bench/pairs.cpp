@@ -6,10 +6,10 @@
 
 #include <iclk/align/model/safetensors.h>
 #include <iclk/align/pyramid.h>
+#include <iclk/session/detect.h>
+#include <iclk/session/io/output.h>
 
 #include "apps/io/images.h"
-#include "apps/io/output.h"
-#include "apps/session/detect.h"
 #include "apps/sets/scene.h"
 
 namespace iclk {

@@ -8,11 +8,11 @@
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
+#include <iclk/session/io/text.h>
+#include <iclk/session/pose_errors.h>
+#include <iclk/session/session.h>
 
-#include "apps/eval/pose_errors.h"
 #include "apps/io/images.h"
-#include "apps/io/text.h"
-#include "apps/session/any_aligner.h"
 
 namespace iclk {
 namespace {
@@ -102,7 +102,7 @@ std::vector<int> batches_of(const AlignerCase& c, const BenchOptions& options) {
 }
 
 Plan plan_of(const BenchOptions& options, int batch, bool colour) {
-  return {options.width, options.height, options.features, batch, batch, false, colour ? PixelFormat::rgba8 : PixelFormat::r8};
+  return {options.width, options.height, options.features, batch, batch, false, lossless_format(false, colour)};
 }
 
 /// References and targets of a batch, on pixels that nobody copied for us.
@@ -128,8 +128,9 @@ std::unique_ptr<Aligner> make_aligner(const BenchOptions& options, const std::sh
   AlignerOptions settings = c.model ? options.model->options() : AlignerOptions();
   if (c.unit_weights) settings.robust = Robust::unit;
   settings.search.enabled = c.search;
-  return make_any_aligner(c.solver, context, plan_of(options, batch, in_colour(options, c)), settings,
-                          c.model ? options.model : nullptr);
+  const ModelStage stage{settings, c.model ? options.model : nullptr};
+  const Session session({.solver = c.solver, .stages = {stage}}, context);
+  return session.make_aligner(plan_of(options, batch, in_colour(options, c)));
 }
 
 BenchRow bench_aligner(const BenchOptions& options, const std::shared_ptr<engine::Context>& context,

@@ -1,9 +1,10 @@
 #include <spdlog/spdlog.h>
 
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/pose_text.h>
+
 #include "apps/commands/command.h"
 #include "apps/commands/run_options.h"
-#include "apps/io/output.h"
-#include "apps/io/pose_text.h"
 #include "apps/session/report.h"
 #include "apps/session/result_files.h"
 
@@ -34,23 +35,23 @@ const char* const kAlignFooter =
 
 void run_align(const AlignOptions& options, int& exit) {
   // What needs no image is checked first: the line is typed wrong more often than a file is broken.
-  SessionOptions session_options = options.run.session(!options.initial_pose.empty());
+  SessionOptions session_options = options.run.session();
   session_options.profile = options.profile;
   const PairLoader loader(options.load.input());
-  const SE3 start = options.initial_pose.empty() ? SE3() : load_pose(options.initial_pose, "--initial-pose");
-  std::optional<SE3> truth;
+  std::optional<SE3> guess, truth;
+  if (!options.initial_pose.empty()) guess = load_pose(options.initial_pose, "--initial-pose");
   if (!options.truth.empty()) truth = load_pose(options.truth, "--truth");
   if (!options.out.empty()) make_output_folder(options.out);
 
   PairInput pair = loader.load(options.files);
-  pair.T_10 = start;
+  pair.T_10 = guess;
   pair.truth = truth;
   if (options.files.features.empty() && pair.features.size() < options.load.features.count)
     spdlog::warn("found {} features, not {}: they need depth, texture and distance to the border and to each other",
                  pair.features.size(), options.load.features.count);
   Session session(session_options);
   report_device(session);
-  const RefinedAlignment result = session.run(pair);
+  const RefinedAlignment result = run_pair(session, pair);
 
   if (!options.out.empty()) write_results(options.out, pair, result, session);
   if (options.json) {
@@ -59,7 +60,7 @@ void run_align(const AlignOptions& options, int& exit) {
     print(to_table(pair, result, session));
     if (!options.out.empty()) print("written    result.json, features.png, overlay.png, residual.png in " + options.out + "\n");
   }
-  if (options.profile) spdlog::info("stages\n{}", session.profile_text(pair));
+  if (options.profile) spdlog::info("stages\n{}", profile_text(session, pair));
   exit = exit_code(result.status);
 }
 

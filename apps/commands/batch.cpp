@@ -9,13 +9,13 @@
 #include <opencv2/core/utility.hpp>
 
 #include <iclk/align/model_file.h>
+#include <iclk/session/device.h>
+#include <iclk/session/pose_errors.h>
 
 #include "apps/batch/loaders.h"
 #include "apps/batch/run.h"
 #include "apps/commands/command.h"
 #include "apps/commands/run_options.h"
-#include "apps/eval/pose_errors.h"
-#include "apps/session/any_aligner.h"
 #include "apps/session/report.h"
 #include "apps/version.h"
 
@@ -103,10 +103,10 @@ class PairAligner {
     try {
       return run(session_, pairs);
     } catch (const Error& e) {
-      if (e.code() != ErrorCode::unsupported || pairs.size() > 1 || options_.max_pairs == 1) throw;
+      if (e.code() != ErrorCode::unsupported || pairs.size() > 1 || options_.batch == 1) throw;
     }
     if (!single_) {
-      options_.max_pairs = 1;
+      options_.batch = 1;
       single_.emplace(options_);
     }
     return run(*single_, pairs);
@@ -114,7 +114,7 @@ class PairAligner {
 
  private:
   std::vector<Json> run(Session& session, std::span<const PairInput> pairs) {
-    const std::vector<RefinedAlignment> results = session.run(pairs);
+    const std::vector<RefinedAlignment> results = run_pairs(session, pairs);
     std::vector<Json> bodies;
     for (size_t i = 0; i < pairs.size(); ++i) {
       const PairInput& pair = pairs[i];
@@ -174,9 +174,8 @@ Json effective_options(const CLI::App& command, const SessionOptions& session) {
     const std::vector<uint8_t> bytes = model_bytes(*model);
     hashes += " " + hash_of({reinterpret_cast<const char*>(bytes.data()), bytes.size()});
   };
-  add_hash(session.model.get());
-  for (const ModelStage& stage : session.then) add_hash(stage.model.get());
-  json["--model"] = session.model_name() + hashes;
+  for (const ModelStage& stage : session.stages) add_hash(stage.model.get());
+  json["--model"] = model_name(session.stages) + hashes;
   return json;
 }
 
@@ -207,7 +206,7 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   BatchOutcome outcome;
   if (!work.lines.empty()) {
     const int wanted = options.batch > 0 ? options.batch : session_options.solver == Solver::cpu ? 1 : 16;
-    work.batch = session_options.max_pairs = std::min(wanted, static_cast<int>(work.lines.size()));
+    work.batch = session_options.batch = std::min(wanted, static_cast<int>(work.lines.size()));
     const int cores = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 16u));
     work.limits.threads = options.threads > 0 ? options.threads : cores;
     work.limits.pairs = work.batch + std::max(work.batch, work.limits.threads);

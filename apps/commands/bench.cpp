@@ -2,13 +2,14 @@
 #include <cstdio>
 #include <tuple>
 
+#include <iclk/session/device.h>
+#include <iclk/session/io/text.h>
+
 #include "apps/bench/layers.h"
 #include "apps/bench/runs.h"
 #include "apps/commands/command.h"
 #include "apps/commands/run_options.h"
-#include "apps/io/text.h"
 #include "apps/peers/peers.h"
-#include "apps/session/any_aligner.h"
 
 namespace iclk {
 namespace {
@@ -45,40 +46,40 @@ const char* const kBenchFooter =
     "  iclk bench --peers --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633\n";
 
 void need_one_model(const SessionOptions& session) {
-  if (!session.then.empty())
+  if (session.stages.size() > 1)
     throw Error(ErrorCode::invalid_argument,
                 "--model auto is several models: name the one to measure (`iclk eval` and `iclk batch` take auto)");
 }
 
 void run(BenchCommand& command, int& exit) {
-  if (command.run.model.empty()) {
+  if (command.run.chosen.model.empty()) {
     const std::string usual = default_model() == "auto" ? "sd6dof" : default_model();  // one model is measured
-    command.run.model = command.with_peers ? usual : "classical";
+    command.run.chosen.model = command.with_peers ? usual : "classical";
   }
   if (command.with_peers) {
     const SessionOptions session = command.run.session();
     need_one_model(session);
-    command.peers.iclk = {nullptr, session.solver, session.aligner, session.model, session.refiner};
+    command.peers.iclk = session;
     command.peers.features = command.bench.features;
     command.peers.check();
     find_data(command.peers.data);
-    if (session.solver != Solver::cpu) command.peers.iclk.context = open_device(session.device);
+    if (session.solver != Solver::cpu) command.peers.context = open_device(session.device);
     const PeerReport report = run_peers(command.peers, terminal_progress());
     print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
   } else {
     std::tie(command.bench.width, command.bench.height) = parse_size(command.size, "--size");
     const SessionOptions session = command.run.session();
     need_one_model(session);
-    command.bench.model = session.model;
-    if (command.bench.pairs.empty()) command.bench.pairs = session.model ? std::vector{1, 4} : BenchOptions().pairs;
-    command.bench.profile |= session.model != nullptr;
+    const std::shared_ptr<const Model> model = command.bench.model = session.stages.front().model;
+    if (command.bench.pairs.empty()) command.bench.pairs = model ? std::vector{1, 4} : BenchOptions().pairs;
+    command.bench.profile |= model != nullptr;
     command.bench.check();
-    const auto device = open_device(command.run.device);
+    const auto device = open_device(session.device);
     if (command.layers) {
-      if (!session.model)
+      if (!model)
         throw Error(ErrorCode::invalid_argument, "--layers needs --model FILE: the classical mode has no encoder");
-      const LayerReport report = run_layers(device, *session.model, command.bench.width, command.bench.height,
-                                            session.model->levels(), command.bench.repetitions, terminal_progress());
+      const LayerReport report = run_layers(device, *model, command.bench.width, command.bench.height,
+                                            model->levels(), command.bench.repetitions, terminal_progress());
       print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
       exit = kConverged;
       return;
@@ -129,7 +130,7 @@ void add_bench(CLI::App& app, int& exit) {
       ->capture_default_str()
       ->needs(peers);
   const std::vector<CLI::Option*> own = command->get_options();
-  options->run.model.clear();  // known when it is known what is measured
+  options->run.chosen.model.clear();  // known when it is known what is measured
   options->run.add_to(*command);
   for (const char* name : {"--dense", "--no-refine"})
     command->remove_option(command->get_option(name));  // both ways are measured; depth is sparse

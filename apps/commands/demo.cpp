@@ -4,11 +4,12 @@
 #include <spdlog/spdlog.h>
 
 #include <iclk/engine/context.h>
+#include <iclk/session/device.h>
+#include <iclk/session/io/output.h>
 
 #include "apps/commands/command.h"
 #include "apps/commands/run_options.h"
 #include "apps/io/images.h"
-#include "apps/io/output.h"
 #include "apps/session/report.h"
 #include "apps/session/result_files.h"
 #include "apps/sets/rendered_pair.h"
@@ -27,10 +28,7 @@ struct DemoOptions {
 std::shared_ptr<engine::Context> rendering_device(const Session& session) {
   if (session.context()) return session.context();
   try {
-    engine::ContextOptions options;
-    options.device = session.options().device;
-    if (const char* wish = std::getenv("ICLK_DEVICE"); wish != nullptr && options.device.empty()) options.device = wish;
-    return engine::create_context(options);
+    return open_device(session.options().device);
   } catch (const Error& e) {
     if (e.code() != ErrorCode::no_driver && e.code() != ErrorCode::no_device) throw;
     spdlog::warn("no Vulkan device renders terrain here: the CPU draws a model landscape instead");
@@ -62,7 +60,7 @@ void run_demo(const DemoOptions& options, int& exit) {
   Session session(session_options);
   report_device(session);
   const PairInput pair = demo_pair(session, options.features);
-  const RefinedAlignment result = session.run(pair);
+  const RefinedAlignment result = run_pair(session, pair);
   write_file(options.out + "/reference.png", encode_png(pair.image_0));
   write_file(options.out + "/target.png", encode_png(pair.image_1));
   write_results(options.out, pair, result, session);

@@ -3,6 +3,8 @@
 #include <nlohmann/json.hpp>
 
 #include <iclk/depth/depth_sweep.h>
+#include <iclk/session/device.h>
+#include <iclk/session/io/output.h>
 
 #include "apps/bench/measure.h"
 #include "apps/commands/command.h"
@@ -11,8 +13,6 @@
 #include "apps/depth/output.h"
 #include "apps/depth/peers.h"
 #include "apps/io/images.h"
-#include "apps/io/output.h"
-#include "apps/session/any_aligner.h"
 
 namespace iclk {
 namespace {

@@ -3,14 +3,14 @@
 
 #include <iclk/align/model_file.h>
 #include <iclk/engine/context.h>
+#include <iclk/session/device.h>
+#include <iclk/session/io/text.h>
+#include <iclk/session/models.h>
+#include <iclk/session/tuning_cache.h>
 
 #include "apps/bench/device_tuning.h"
 #include "apps/commands/command.h"
-#include "apps/io/text.h"
-#include "apps/session/any_aligner.h"
-#include "apps/session/model_lookup.h"
-#include "apps/session/session.h"
-#include "apps/session/tuning_cache.h"
+#include "apps/session/run_pairs.h"
 
 namespace iclk {
 namespace {

@@ -3,6 +3,8 @@
 
 #include <spdlog/spdlog.h>
 
+#include <iclk/session/io/output.h>
+
 #include "apps/batch/loaders.h"
 #include "apps/batch/progress.h"
 #include "apps/commands/command.h"
@@ -11,7 +13,6 @@
 #include "apps/eval/pictures.h"
 #include "apps/eval/report.h"
 #include "apps/io/images.h"
-#include "apps/io/output.h"
 
 namespace iclk {
 namespace {
@@ -90,7 +91,7 @@ void run(EvalCommand& command, int& exit) {
   EvalOptions& options = command.eval;
   options.appearances = appearances_of(command);
   options.apply = parse_apply_to(command.apply);
-  if (options.batch == 0) options.batch = session.solver == Solver::cpu ? 1 : session.model ? 2 : 8;
+  if (options.batch == 0) options.batch = session.solver == Solver::cpu ? 1 : session.stages.front().model ? 2 : 8;
   options.check();
   command.load.features.seed = options.seed;
   const LoaderCache loaders(command.load);

@@ -2,11 +2,11 @@
 #include <utility>
 
 #include <iclk/align/model_file.h>
+#include <iclk/session/io/text.h>
+#include <iclk/session/models.h>
 
 #include "apps/commands/command.h"
-#include "apps/io/text.h"
 #include "apps/session/model_info.h"
-#include "apps/session/model_lookup.h"
 
 namespace iclk {
 namespace {

@@ -2,9 +2,10 @@
 
 #include <spdlog/spdlog.h>
 
+#include <iclk/session/device.h>
+
 #include "apps/batch/manifest.h"
 #include "apps/commands/command.h"
-#include "apps/session/any_aligner.h"
 #include "apps/sets/render_options.h"
 
 namespace iclk {

@@ -5,9 +5,10 @@
 #include <spdlog/spdlog.h>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/distortion.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/commands/command.h"
-#include "apps/io/text.h"
 
 namespace iclk {
 
@@ -17,10 +18,10 @@ void RunOptions::add_to(CLI::App& command) {
                   "host: sums on the device, 6x6 system on the host; device: everything on the device; cpu: no Vulkan")
       ->capture_default_str()
       ->check(CLI::IsMember({"host", "device", "cpu"}));
-  command.add_option("--device", device,
+  command.add_option("--device", chosen.device,
                      "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
   command
-      .add_option("--model", model,
+      .add_option("--model", chosen.model,
                   "A learned model, file or name (`iclk model info`): its encoder and its weights; classical: the grey "
                   "pyramid and --robust; auto: classical, then sd6dof-small, then sd6dof, each for the pairs that did not "
                   "converge before. ICLK_MODEL changes the default")
@@ -28,11 +29,11 @@ void RunOptions::add_to(CLI::App& command) {
       ->check(not_empty)
       ->type_name("FILE|classical|auto");
   command.add_option(
-      "--levels", levels,
+      "--levels", chosen.levels,
       "Pyramid levels: each doubles the motion that can be found; default 4, or all that the model has (fewer: its "
       "finest)");
-  command.add_option("--iterations", iterations, "Iterations a level, at most; default 10, or the model's");
-  command.add_option("--carry", carry,
+  command.add_option("--iterations", chosen.iterations, "Iterations a level, at most; default 10, or the model's");
+  command.add_option("--carry", chosen.carry,
                      "Share (0 to 1) of what a level has found out about the pose that the next finer one keeps as a prior: "
                      "blurred and noisy images need it; default 0, the paper's, or the model's");
   command
@@ -52,7 +53,7 @@ void RunOptions::add_to(CLI::App& command) {
                   "fixed: every step is taken, as in the paper; adaptive: a step that raises the cost is taken back")
       ->capture_default_str()
       ->check(CLI::IsMember({"fixed", "adaptive"}));
-  command.add_option("--lambda", lambda, "Damping, or its start value; default 1e-6, or the model's");
+  command.add_option("--lambda", chosen.lambda, "Damping, or its start value; default 1e-6, or the model's");
   command
       .add_option("--search", search,
                   "How to begin. on: look for the features in the whole target, whatever the motion; where too few agree, try "
@@ -60,50 +61,46 @@ void RunOptions::add_to(CLI::App& command) {
                   "first guess is given")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "on", "off", "rotations"}));
-  command.add_option("--search-grid", start_search.grid, "Pans and tilts to try, so many each; odd")->capture_default_str();
+  command.add_option("--search-grid", chosen.start_search.grid, "Pans and tilts to try, so many each; odd")->capture_default_str();
   command.add_option(
       "--search-rotation", search_rotation,
       "Largest pan and tilt, degrees; default: as the grid reaches with steps of 3.4 pixels of the coarsest level");
   // Not bound to `photometric` itself: CLI11 2.1 sets an optional<bool> to false where the flag is not given.
   command.add_flag_function(
-      "--photometric,!--no-photometric", [this](std::int64_t count) { photometric = count > 0; },
+      "--photometric,!--no-photometric", [this](std::int64_t count) { chosen.photometric = count > 0; },
       "Estimate the pair's exposure (gain and bias), or do not; default: do, but not with a model");
-  command.add_flag("--dense", dense, "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
-  command.add_flag("--no-refine", no_refine, "Stop after ICLK: no feature alignment, no pose refinement");
-  command.add_option("--refine-rounds", refiner.rounds, "Rounds of feature alignment and pose, at most")->capture_default_str();
+  command.add_flag("--dense", chosen.dense, "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
   command.add_flag_callback(
-      "--no-recolour", [this] { refiner.feature_alignment.recolour = false; },
+      "--no-refine", [this] { chosen.refine = false; }, "Stop after ICLK: no feature alignment, no pose refinement");
+  command.add_option("--refine-rounds", chosen.refiner.rounds, "Rounds of feature alignment and pose, at most")->capture_default_str();
+  command.add_flag_callback(
+      "--no-recolour", [this] { chosen.refiner.feature_alignment.recolour = false; },
       "Refine on the luma of a target whose colours are not the reference's, not on the grey values that fit the reference");
   command.add_flag_callback(
-      "--global-shutter", [this] { refiner.rolling_shutter = false; },
+      "--global-shutter", [this] { chosen.refiner.rolling_shutter = false; },
       "Both cameras read all rows at once: no bend is looked for, and the covariance does not allow for one");
   command
       .add_option("--camera-sigma", camera_sigma,
                   "How wrong focal length and principal point are, px, for the covariance: auto (what the pair allows for), or "
                   "a number; 0 where they are exact, as a renderer's")
       ->capture_default_str();
-  command.add_flag("--structure", refiner.structure, "Refine the inverse depths along with the pose at the end");
+  command.add_flag("--structure", chosen.refiner.structure, "Refine the inverse depths along with the pose at the end");
 }
 
-SessionOptions RunOptions::session(bool guessed) const {
-  SessionOptions options;
-  options.solver = parse_solver(solver);
-  options.device = device;
-  std::vector<ModelStage> models = stages(guessed);
-  options.aligner = models.front().aligner;
-  options.model = models.front().model;
-  options.then.assign(models.begin() + 1, models.end());
-  options.dense = dense;
-  options.search_guessed = search != "auto";
-  options.refine = !no_refine;
-  options.refiner = refiner;
-  if (camera_sigma != "auto") {
-    options.refiner.pose.camera_sigma = to_number(camera_sigma);
-    if (!options.refiner.pose.camera_sigma)
-      throw Error(ErrorCode::invalid_argument,
-                  "--camera-sigma '" + printable(camera_sigma) + "' is neither auto nor a number of px");
-  }
-  options.refiner.keep_unconfirmed = options.model != nullptr;
+SessionOptions RunOptions::session() const {
+  SessionOptions options = chosen;
+  options.solver = options.device == "cpu" ? Solver::cpu : parse_solver(solver);
+  options.search = parse_search(search);
+  options.precision = parse_precision(precision);
+  options.damping = parse_damping(damping);
+  if (robust) options.robust = parse_robust(*robust);
+  options.start_search.rotation = search_rotation * M_PI / 180;
+  options.stages = make_stages(options);
+  if (camera_sigma == "auto") return options;
+  options.refiner.pose.camera_sigma = to_number(camera_sigma);
+  if (!options.refiner.pose.camera_sigma)
+    throw Error(ErrorCode::invalid_argument,
+                "--camera-sigma '" + printable(camera_sigma) + "' is neither auto nor a number of px");
   return options;
 }
 

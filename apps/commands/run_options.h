@@ -1,24 +1,25 @@
 #pragma once
+#include <optional>
 #include <string>
 
 #include <CLI/CLI.hpp>
 
-#include "apps/session/alignment_wish.h"
 #include "apps/session/pair_input.h"
-#include "apps/session/session.h"
+#include "apps/session/run_pairs.h"
 
 namespace iclk {
 
 /// The options that align, batch and bench share, as text until they are checked.
-struct RunOptions : AlignmentWish {
-  std::string solver = "host", device, camera_sigma = "auto";
-  RefinerOptions refiner;
-  bool no_refine = false;
+struct RunOptions {
+  SessionOptions chosen;
+  std::string solver = "host", search = "auto", precision = "fp32", damping = "fixed", camera_sigma = "auto";
+  std::optional<std::string> robust;
+  double search_rotation = 0;  ///< degrees
 
   void add_to(CLI::App& command);
-  /// Reads the model. Throws Error(invalid_argument) that names the value, Error(io) for a model that is not there.
-  /// `guessed`: the pairs come with a first guess, about which nothing is searched unless --search on.
-  SessionOptions session(bool guessed = false) const;
+  /// Reads the models: SessionOptions::stages. Throws Error(invalid_argument) that names the value, Error(io) for a model that
+  /// is not there.
+  SessionOptions session() const;
 };
 
 /// The options by which files become pairs.

@@ -6,7 +6,7 @@
 
 #include "apps/batch/progress.h"
 #include "apps/commands/command.h"
-#include "apps/session/session.h"
+#include "apps/session/run_pairs.h"
 #include "apps/stereo/run.h"
 
 namespace iclk {

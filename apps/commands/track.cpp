@@ -2,13 +2,14 @@
 #include <spdlog/spdlog.h>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/depth_sigma.h>
+#include <iclk/session/io/distortion.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/batch/progress.h"
 #include "apps/bench/measure.h"
 #include "apps/commands/command.h"
-#include "apps/io/depth_sigma.h"
-#include "apps/io/text.h"
-#include "apps/session/session.h"
+#include "apps/session/run_pairs.h"
 #include "apps/track/peers.h"
 #include "apps/track/run.h"
 

@@ -4,13 +4,15 @@
 #include <memory>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/distortion.h>
+#include <iclk/session/io/feature_csv.h>
+#include <iclk/session/io/pose_text.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/common/refuse.h"
-#include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
-#include "apps/io/pose_text.h"
-#include "apps/io/text.h"
+#include "apps/io/undistorter.h"
 
 namespace iclk {
 namespace {

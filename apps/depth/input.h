@@ -8,8 +8,7 @@
 #include <iclk/align/features.h>
 #include <iclk/align/se3.h>
 #include <iclk/depth/depth_options.h>
-
-#include "apps/io/camera_file.h"
+#include <iclk/session/io/camera_file.h>
 
 namespace iclk {
 

@@ -10,9 +10,9 @@
 #include <opencv2/imgproc.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/output.h>
 
 #include "apps/io/images.h"
-#include "apps/io/output.h"
 #include "apps/pictures/drawing.h"
 
 namespace iclk {

@@ -13,6 +13,7 @@
 
 #include "apps/bench/measure.h"
 #include "apps/io/images.h"
+#include "apps/io/undistorter.h"
 
 namespace iclk {
 namespace {

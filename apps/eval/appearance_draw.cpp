@@ -6,8 +6,7 @@
 #include <numbers>
 
 #include <iclk/engine/error.h>
-
-#include "apps/io/text.h"
+#include <iclk/session/io/text.h>
 
 namespace iclk {
 namespace {

@@ -5,10 +5,10 @@
 #include <opencv2/imgcodecs.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/feature_csv.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/text.h>
 
-#include "apps/io/feature_csv.h"
-#include "apps/io/output.h"
-#include "apps/io/text.h"
 #include "apps/sets/pair_set.h"
 
 namespace iclk {
@@ -71,7 +71,7 @@ void export_eval(const Manifest& manifest, const EvalLoader& loader, const EvalO
     Json line = {{"camera", {c.fx, c.fy, c.cx, c.cy}}, {"truth", pose_json(*pair.truth)}};
     if (!pair.depth_0.empty()) line["depth"] = write("depth/" + number + ".tiff", encoded(pair.depth_0, ".tiff"));
     line["features"] = write("features/" + number + ".csv", features_csv(pair.features));
-    if (pair.guessed) line["initial_pose"] = pose_json(pair.T_10);
+    if (pair.T_10) line["initial_pose"] = pose_json(*pair.T_10);
     int drawn = 0;
     for (const AppearanceSpec& appearance : options.appearances)
       for (int variant = 0; variant < options.variants_of(appearance); ++variant, ++drawn) {

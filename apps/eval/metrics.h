@@ -4,8 +4,7 @@
 #include <vector>
 
 #include <iclk/align/se3.h>
-
-#include "apps/eval/pose_errors.h"
+#include <iclk/session/pose_errors.h>
 
 namespace iclk {
 

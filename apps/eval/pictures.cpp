@@ -165,7 +165,7 @@ cv::Mat features_panel(const EvalFigure& figure, const Column& column, int zoom,
 }
 
 cv::Mat stages_picture(const EvalFigure& figure, const AppearanceSpec& appearance) {
-  std::vector<Column> columns = {{"initial", figure.pair.T_10}};
+  std::vector<Column> columns = {{"initial", figure.pair.start()}};
   for (const Stage& stage : figure.result.stages)
     columns.push_back({stage.name, stage.T_10, stage.name == "feature_alignment"});
   const cv::Mat depth = picture_depth(figure.pair);

@@ -8,12 +8,12 @@
 #include <thread>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/device.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/bench/measure.h"
 #include "apps/eval/export.h"
-#include "apps/io/text.h"
 #include "apps/peers/methods.h"
-#include "apps/session/any_aligner.h"
 #include "apps/session/report.h"
 
 namespace iclk {
@@ -58,7 +58,7 @@ EvalSample begin_sample(const std::string& id, int variant, const PairInput& pai
   EvalSample sample;
   sample.id = id;
   sample.variant = variant;
-  sample.start = pose_error(pair.camera, pair.features, pair.T_10, *pair.truth);
+  sample.start = pose_error(pair.camera, pair.features, pair.start(), *pair.truth);
   sample.stages = {{"initial", sample.start, true}};
   sample.nees = std::numeric_limits<double>::quiet_NaN();
   return sample;
@@ -95,20 +95,20 @@ PeerPair peer_pair(const PairInput& pair, const cv::Mat& target_depth) {
   out.camera = pair.camera;
   out.features = pair.features;
   out.T_10 = *pair.truth;
-  out.start = pair.T_10;
+  out.start = pair.start();
   return out;
 }
 
-/// The session's classical defaults, and the paper's classical 6DoF-ICLK.
-IclkSettings classical(const Session& session, bool paper) {
-  IclkSettings settings{session.context(), session.options().solver, {}, nullptr, {}};
-  settings.aligner.search.enabled = !paper;
+/// The classical defaults, and the paper's classical 6DoF-ICLK.
+SessionOptions classical(Solver solver, bool paper) {
+  AlignerOptions aligner;
+  aligner.search.enabled = !paper;
   if (paper) {
-    settings.aligner.robust = Robust::unit;
-    settings.aligner.photometric = false;
-    settings.aligner.step_tolerance = 0;
+    aligner.robust = Robust::unit;
+    aligner.photometric = false;
+    aligner.step_tolerance = 0;
   }
-  return settings;
+  return {.solver = solver, .stages = {{aligner}}, .refine = !paper};
 }
 
 class Evaluation {
@@ -117,7 +117,7 @@ class Evaluation {
       : options_(options), session_(session), stages_(stage_names(session)) {
     report_.set = set;
     report_.device = session_.device_name();
-    report_.model = session.model_name();
+    report_.model = model_name(session_.stages());
     report_.options = options;
     if (options.baselines) make_baselines();
     for (const AppearanceSpec& spec : options.appearances) {
@@ -163,9 +163,10 @@ class Evaluation {
 
  private:
   void make_baselines() {
-    baselines_.push_back(make_iclk_method(classical(session_, true), false, "classical (paper)"));
+    const Solver solver = session_.options().solver;
+    baselines_.push_back(make_iclk_method(classical(solver, true), session_.context(), "classical (paper)"));
     if (report_.model != "classical")
-      baselines_.push_back(make_iclk_method(classical(session_, false), true, "classical (ours)"));
+      baselines_.push_back(make_iclk_method(classical(solver, false), session_.context(), "classical (ours)"));
     baselines_.push_back(make_klt_pnp());
     baselines_.push_back(make_sift_pnp());
     baselines_.push_back(make_orb_pnp());
@@ -175,7 +176,7 @@ class Evaluation {
 
   void run_iclk(EvalBlock& block, std::span<const Work> group, std::span<const PairInput> pairs, int variant) {
     const Stopwatch watch;
-    const std::vector<RefinedAlignment> results = session_.run(pairs);
+    const std::vector<RefinedAlignment> results = run_pairs(session_, pairs);
     const double ms = watch.wall_ms() / static_cast<double>(pairs.size());
     for (size_t i = 0; i < pairs.size(); ++i) {
       EvalSample sample = begin_sample(group[i].line->id, variant, pairs[i]);
@@ -293,7 +294,7 @@ EvalReport run_eval(const Manifest& manifest, const EvalLoader& loader, const Se
   size_t count = manifest.lines.size();
   if (options.max_pairs > 0) count = std::min(count, static_cast<size_t>(options.max_pairs));
   SessionOptions session = session_options;
-  session.max_pairs = std::min(options.batch, static_cast<int>(count));
+  session.batch = std::min(options.batch, static_cast<int>(count));
   Evaluation evaluation(manifest.path, session, options);
   evaluation.draw(figure_of(manifest, options, count));
   std::vector<const ManifestLine*> lines;
@@ -318,13 +319,13 @@ EvalReport run_eval(const Manifest& manifest, const EvalLoader& loader, const Se
   };
   PoolLimits limits;
   limits.threads = static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 4u));
-  limits.pairs = session.max_pairs + std::max(session.max_pairs, limits.threads);
+  limits.pairs = session.batch + std::max(session.batch, limits.threads);
   DecodePool pool(lines, decode, limits);
   PairGroup group;
   int done = 0;
   const int total = static_cast<int>(count) * variants;
   while (!pool.finished()) {
-    pool.next(group, session.max_pairs, std::chrono::milliseconds(100));
+    pool.next(group, session.batch, std::chrono::milliseconds(100));
     std::vector<Work> work;
     for (DecodedPair& item : group.items) {
       if (!item.error.empty()) {
@@ -332,7 +333,7 @@ EvalReport run_eval(const Manifest& manifest, const EvalLoader& loader, const Se
         const auto found = errors.find(item.line);
         throw found != errors.end() ? found->second : Error(ErrorCode::invalid_argument, item.error);
       }
-      if (!std::isfinite(pose_error(item.pair.camera, item.pair.features, item.pair.T_10, *item.pair.truth).e_pixel))
+      if (!std::isfinite(pose_error(item.pair.camera, item.pair.features, item.pair.start(), *item.pair.truth).e_pixel))
         throw Error(ErrorCode::invalid_argument, place(manifest, *item.line) +
                                                      ": no feature has a depth and lies in front of both "
                                                      "the true and the first camera 1");

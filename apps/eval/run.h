@@ -7,7 +7,7 @@
 #include "apps/eval/appearance_draw.h"
 #include "apps/eval/metrics.h"
 #include "apps/peers/foreign_poses.h"
-#include "apps/session/session.h"
+#include "apps/session/run_pairs.h"
 
 namespace iclk {
 

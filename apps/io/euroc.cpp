@@ -6,9 +6,8 @@
 #include <map>
 
 #include <iclk/engine/error.h>
-
-#include "apps/io/pose_text.h"
-#include "apps/io/text.h"
+#include <iclk/session/io/pose_text.h>
+#include <iclk/session/io/text.h>
 
 namespace iclk {
 namespace {

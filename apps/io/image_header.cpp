@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <string>
 
-#include "apps/io/text.h"
+#include <iclk/session/io/text.h>
 
 namespace iclk {
 namespace {

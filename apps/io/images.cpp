@@ -15,9 +15,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include <iclk/engine/error.h>
-
-#include "apps/io/text.h"
-#include "apps/session/grey.h"
+#include <iclk/session/internal/grey.h>
+#include <iclk/session/io/text.h>
 
 namespace iclk {
 namespace {

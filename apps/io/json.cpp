@@ -46,4 +46,11 @@ Json parse_json(std::string_view text, std::string* why) {
   return json;
 }
 
+std::string distortion_text(const Distortion& distortion) {
+  if (distortion.empty()) return "none";
+  std::string text = distortion.model == Distortion::Model::radtan ? "radtan:" : "equidistant:";
+  for (size_t i = 0; i < distortion.k.size(); ++i) text += (i == 0 ? "" : ",") + nlohmann::json(distortion.k[i]).dump();
+  return text;
+}
+
 }  // namespace iclk

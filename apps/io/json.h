@@ -6,6 +6,8 @@
 
 #include <nlohmann/json.hpp>
 
+#include <iclk/align/lens.h>
+
 namespace iclk {
 
 /// The most arrays and objects within each other of any JSON that iclk reads. Its own nest no deeper than 8.
@@ -14,6 +16,9 @@ inline constexpr int kJsonDepth = 100;
 /// One JSON value, or a discarded one where the text is none or is nested deeper than kJsonDepth: whoever copies or prints such
 /// a value calls himself once a level. `why`, unless null, gets the reason.
 nlohmann::ordered_json parse_json(std::string_view text, std::string* why = nullptr);
+
+/// As parse_distortion() takes it, to the last bit.
+std::string distortion_text(const Distortion& distortion);
 
 /// A matrix row by row; null where an entry is not finite.
 template <typename Matrix>

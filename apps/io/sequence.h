@@ -5,8 +5,8 @@
 #include <vector>
 
 #include <iclk/align/se3.h>
+#include <iclk/session/io/camera_file.h>
 
-#include "apps/io/camera_file.h"
 #include "apps/io/stereo_file.h"
 
 namespace iclk {

@@ -5,9 +5,8 @@
 #include <filesystem>
 
 #include <iclk/engine/error.h>
-
-#include "apps/io/text.h"
-#include "apps/io/yaml.h"
+#include <iclk/session/io/text.h>
+#include <iclk/session/io/yaml.h>
 
 namespace iclk {
 namespace {

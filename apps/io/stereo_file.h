@@ -4,8 +4,7 @@
 #include <vector>
 
 #include <iclk/align/se3.h>
-
-#include "apps/io/camera_file.h"
+#include <iclk/session/io/camera_file.h>
 
 namespace iclk {
 

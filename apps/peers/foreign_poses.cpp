@@ -6,10 +6,10 @@
 #include <nlohmann/json.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/pose_text.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/common/refuse.h"
-#include "apps/io/pose_text.h"
-#include "apps/io/text.h"
 
 namespace iclk {
 namespace {

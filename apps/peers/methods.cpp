@@ -10,9 +10,8 @@
 #include <opencv2/rgbd.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "apps/io/distortion.h"
+#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
-#include "apps/session/any_aligner.h"
 
 namespace iclk {
 namespace {
@@ -61,43 +60,20 @@ PeerAnswer solve_pnp(const Correspondences& c, const Camera& camera) {
 
 class Iclk final : public PeerMethod {
  public:
-  Iclk(const IclkSettings& settings, bool refine, const std::string& name)
-      : PeerMethod("iclk", !name.empty() ? name
-                           : refine      ? "iclk + refine"
-                                         : "iclk"),
-        settings_(settings),
-        refine_(refine) {}
+  Iclk(const SessionOptions& options, const std::shared_ptr<engine::Context>& context, const std::string& name)
+      : PeerMethod("iclk", !name.empty()    ? name
+                           : options.refine ? "iclk + refine"
+                                            : "iclk"),
+        session_(options, context) {}
 
   PeerAnswer run(const PeerPair& pair) override {
-    prepare(pair);
-    aligner_->set_reference(0, {view(pair.image_0), pair.camera, pair.features, {}});
-    const Pair work{0, view(pair.image_1), pair.start, {}};
-    if (refiner_) {
-      const RefinedAlignment result = refiner_->align(work);
-      return {true, result.converged(), result.T_10};
-    }
-    const Alignment result = aligner_->align(work);
+    const Reference reference{view(pair.image_0), pair.camera, pair.features, {}};
+    const RefinedAlignment result = session_.align(CascadePair{reference, view(pair.image_1), pair.start});
     return {true, result.converged(), result.T_10};
   }
 
  private:
-  void prepare(const PeerPair& pair) {
-    const Plan& had = plan_;
-    const auto format = pair.image_0.channels() > 1 ? PixelFormat::rgba8 : PixelFormat::r8;
-    if (aligner_ && had.width == pair.image_0.cols && had.height == pair.image_0.rows && had.format == format &&
-        had.max_features >= pair.features.size())
-      return;
-    plan_ = Plan{pair.image_0.cols, pair.image_0.rows, std::max(pair.features.size(), 1), 1, 1, false, format};
-    refiner_.reset();
-    aligner_ = make_any_aligner(settings_.solver, settings_.context, plan_, settings_.aligner, settings_.model);
-    if (refine_) refiner_ = std::make_unique<Refiner>(*aligner_, settings_.refiner);
-  }
-
-  IclkSettings settings_;
-  bool refine_;
-  Plan plan_;
-  std::unique_ptr<Aligner> aligner_;
-  std::unique_ptr<Refiner> refiner_;
+  Session session_;
 };
 
 class RgbdOdometry final : public PeerMethod {
@@ -210,8 +186,9 @@ cv::Mat with_nan(const cv::Mat& depth) {
   return out;
 }
 
-std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine, const std::string& name) {
-  return std::make_unique<Iclk>(settings, refine, name);
+std::unique_ptr<PeerMethod> make_iclk_method(const SessionOptions& options, const std::shared_ptr<engine::Context>& context,
+                                             const std::string& name) {
+  return std::make_unique<Iclk>(options, context, name);
 }
 std::unique_ptr<PeerMethod> make_rgbd_odometry(int threads) { return std::make_unique<RgbdOdometry>(threads); }
 std::unique_ptr<PeerMethod> make_klt_pnp() { return std::make_unique<KltPnp>(); }

@@ -5,10 +5,7 @@
 
 #include <opencv2/core.hpp>
 
-#include <iclk/align/aligner.h>
-#include <iclk/align/model.h>
-#include <iclk/engine/context.h>
-#include <iclk/refine/refiner.h>
+#include <iclk/session/session.h>
 
 namespace iclk {
 
@@ -46,16 +43,10 @@ class PeerMethod {
   std::string family_, name_;
 };
 
-/// iclk as `iclk align` runs it, one pair at a time; claimed: Status::converged.
-struct IclkSettings {
-  std::shared_ptr<engine::Context> context;  ///< null: Solver::cpu
-  Solver solver = Solver::host;
-  AlignerOptions aligner;
-  std::shared_ptr<const Model> model;  ///< null: the classical mode
-  RefinerOptions refiner;
-};
-/// `name`: in tables; empty: "iclk + refine" or "iclk".
-std::unique_ptr<PeerMethod> make_iclk_method(const IclkSettings& settings, bool refine, const std::string& name = {});
+/// iclk as `iclk align` runs it, one pair at a time; claimed: Status::converged. `context`: null: Solver::cpu. `name`: in
+/// tables; empty: "iclk + refine" or "iclk".
+std::unique_ptr<PeerMethod> make_iclk_method(const SessionOptions& options, const std::shared_ptr<engine::Context>& context,
+                                             const std::string& name = {});
 
 /// cv::rgbd::RgbdOdometry, all settings its own: every pixel with depth of both images, four levels.
 /// `threads`: of OpenCV while it runs; 0: OpenCV's own choice.

@@ -7,8 +7,8 @@
 #include <numbers>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/pose_errors.h>
 
-#include "apps/eval/pose_errors.h"
 #include "apps/io/images.h"
 #include "apps/io/sequence.h"
 #include "apps/session/pair_input.h"
@@ -121,8 +121,11 @@ PeerRow summarize(const std::string& method, std::vector<PeerSample> samples) {
 
 std::vector<std::unique_ptr<PeerMethod>> make_methods(const PeerOptions& options) {
   std::vector<std::unique_ptr<PeerMethod>> methods;
-  methods.push_back(make_iclk_method(options.iclk, false));
-  methods.push_back(make_iclk_method(options.iclk, true));
+  for (const bool refine : {false, true}) {
+    SessionOptions iclk = options.iclk;
+    iclk.refine = refine;
+    methods.push_back(make_iclk_method(iclk, options.context));
+  }
   methods.push_back(make_rgbd_odometry());
   methods.push_back(make_klt_pnp());
   methods.push_back(make_sift_pnp());
@@ -141,7 +144,7 @@ void PeerOptions::check() const {
   require(max_pairs >= 0, "--max-pairs " + std::to_string(max_pairs) + " must not be negative");
   require(features >= 1 && features <= 10000, "--features " + std::to_string(features) + " must lie in 1 to 10000");
   if (!distortion.empty()) parse_distortion(distortion);
-  iclk.aligner.check();
+  for (const ModelStage& stage : iclk.stages) stage.aligner.check();
   iclk.refiner.check();
 }
 
@@ -169,7 +172,7 @@ PeerReport run_peers(const PeerOptions& options, const Progress& progress) {
 
   PeerReport report;
   report.options = options;
-  report.machine = describe_machine(options.iclk.context.get());
+  report.machine = describe_machine(options.context.get());
   for (size_t i = 0; i < cases.size(); ++i) {
     const PairSource& source = sources[i];
     const auto methods = make_methods(options);

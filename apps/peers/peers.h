@@ -2,8 +2,9 @@
 #include <string>
 #include <vector>
 
+#include <iclk/session/io/distortion.h>
+
 #include "apps/bench/measure.h"
-#include "apps/io/distortion.h"
 #include "apps/peers/methods.h"
 
 namespace iclk {
@@ -14,7 +15,8 @@ struct PeerOptions {
   std::vector<int> strides = {1, 2, 3};  ///< of hololens_80
   int max_pairs = 0;                     ///< of a row, spread over the sequence; 0: all
   int features = 50;
-  IclkSettings iclk;
+  SessionOptions iclk;
+  std::shared_ptr<engine::Context> context;  ///< of iclk; null: Solver::cpu
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;

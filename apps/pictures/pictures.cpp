@@ -8,9 +8,10 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "apps/eval/pose_errors.h"
+#include <iclk/session/feature_report.h>
+#include <iclk/session/pose_errors.h>
+
 #include "apps/pictures/drawing.h"
-#include "apps/session/feature_report.h"
 #include "apps/session/report.h"
 
 namespace iclk {
@@ -145,7 +146,7 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
     mark.status = feature_status(pair.camera, pair.features, result, i);
     ++counts[mark.status];
     if (!feature_position(pair.camera, pair.features, result, i, mark.at)) continue;
-    mark.has_line = project_feature(pair.camera, pair.features, i, pair.truth.value_or(pair.T_10), mark.line_end);
+    mark.has_line = project_feature(pair.camera, pair.features, i, pair.truth.value_or(pair.start()), mark.line_end);
     if (mark.has_line && (mark.status == "aligned" || mark.status == "projected"))
       sum += (mark.line_end - mark.at).norm(), ++lines;
     marks.push_back(std::move(mark));
@@ -303,7 +304,7 @@ cv::Mat picture_depth(const PairInput& pair) {
 
 std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment& result) {
   const cv::Mat grey_0 = grey_8bit(pair.image_0), grey_1 = grey_8bit(pair.image_1), depth = picture_depth(pair);
-  const View before = view_by(pair, grey_0, grey_1, depth, pair.T_10),
+  const View before = view_by(pair, grey_0, grey_1, depth, pair.start()),
              after = view_by(pair, grey_0, grey_1, depth, result.T_10);
   const std::string source = pair.depth_0.empty() ? "warped by depth between features" : "warped by the depth image";
   return {{"features.png", features_picture(pair, result)},

@@ -6,11 +6,11 @@
 
 #include <iclk/align/camera.h>
 #include <iclk/align/image.h>
+#include <iclk/align/lens.h>
 #include <iclk/align/se3.h>
 #include <iclk/engine/context.h>
 #include <iclk/engine/recorder.h>
 
-#include "apps/render/lens.h"
 #include "apps/render/terrain.h"
 
 namespace iclk {

@@ -5,10 +5,10 @@
 #include <vector>
 
 #include <iclk/align/camera.h>
+#include <iclk/align/lens.h>
 #include <iclk/align/se3.h>
 #include <iclk/shaders/render/render.h>
 
-#include "apps/render/lens.h"
 #include "apps/render/levels.h"
 
 namespace iclk {

@@ -5,9 +5,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/feature_csv.h>
 #include <iclk/shaders/shared.h>
-
-#include "apps/io/feature_csv.h"
 
 namespace iclk {
 namespace {

@@ -8,23 +8,15 @@
 
 #include <iclk/align/features.h>
 #include <iclk/align/se3.h>
+#include <iclk/session/depth_sigma.h>
+#include <iclk/session/detect.h>
+#include <iclk/session/io/camera_file.h>
 
-#include "apps/io/camera_file.h"
-#include "apps/io/depth_sigma.h"
-#include "apps/io/distortion.h"
+#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
-#include "apps/session/detect.h"
+#include "apps/io/pair_files.h"
 
 namespace iclk {
-
-/// One pair as files.
-struct PairFiles {
-  std::string reference, target;
-  std::string depth;     ///< of the reference; may be empty if there are features
-  std::string features;  ///< CSV; empty: features are detected
-  /// Images of the same size that hide pixels where they are 0; may be empty.
-  std::string reference_mask = {}, target_mask = {};
-};
 
 /// How files become a pair.
 struct InputOptions {
@@ -45,11 +37,12 @@ struct PairInput {
   cv::Mat mask_1;              ///< CV_8UC1, 0 = hidden; empty: nothing is
   Camera camera;
   Features features;
-  SE3 T_10;                  ///< first guess
-  bool guessed = false;      ///< somebody gave it
+  std::optional<SE3> T_10;   ///< first guess, if somebody gave one
   std::optional<SE3> truth;  ///< T_10
   bool features_from_file = false;
   double load_ms = 0, detect_ms = 0;
+
+  SE3 start() const { return T_10.value_or(SE3()); }  ///< where ICLK begins without a search
 };
 
 /// Loads pairs of one camera. Thread-safe: a pool of threads may share it.

@@ -1,15 +1,15 @@
 #include "apps/session/report.h"
-#include "apps/io/json.h"
 
 #include <cmath>
 #include <cstdio>
 #include <map>
 
-#include "apps/eval/pose_errors.h"
-#include "apps/io/pose_text.h"
-#include "apps/io/text.h"
-#include "apps/session/any_aligner.h"
-#include "apps/session/feature_report.h"
+#include <iclk/session/feature_report.h>
+#include <iclk/session/io/pose_text.h>
+#include <iclk/session/io/text.h>
+#include <iclk/session/pose_errors.h>
+
+#include "apps/io/json.h"
 #include "apps/version.h"
 
 namespace iclk {
@@ -162,7 +162,7 @@ std::string model_line(const RefinedAlignment& result) {
 }  // namespace
 
 nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& result, const Session& session) {
-  const SessionTimes& t = session.times();
+  const Cascade::Times& t = session.times();
   Json timing = {
       {"load", number(pair.load_ms)}, {"detect", number(pair.detect_ms)},
       {"setup", number(t.setup)},     {"prepare", number(t.prepare)},
@@ -211,7 +211,7 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   if (pair.truth) out += format(" %12s %14s %12s", "error [px]", "transl. [mm]", "rot. [deg]");
   out += format(" %12s %9s\n", "cost", "ms");
   if (pair.truth) {
-    const PoseError start = pose_error(c, pair.features, pair.T_10, *pair.truth);
+    const PoseError start = pose_error(c, pair.features, pair.start(), *pair.truth);
     row("(first guess)", &start, NAN, NAN);
   }
   for (const Stage& stage : result.stages) {

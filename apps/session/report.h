@@ -4,10 +4,10 @@
 #include <nlohmann/json.hpp>
 
 #include <iclk/refine/refiner.h>
+#include <iclk/session/pose_errors.h>
 
-#include "apps/eval/pose_errors.h"
 #include "apps/session/pair_input.h"
-#include "apps/session/session.h"
+#include "apps/session/run_pairs.h"
 
 namespace iclk {
 

@@ -2,8 +2,9 @@
 
 #include <filesystem>
 
+#include <iclk/session/io/output.h>
+
 #include "apps/io/images.h"
-#include "apps/io/output.h"
 #include "apps/pictures/pictures.h"
 #include "apps/session/report.h"
 

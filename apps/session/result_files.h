@@ -2,7 +2,7 @@
 #include <string>
 
 #include "apps/session/pair_input.h"
-#include "apps/session/session.h"
+#include "apps/session/run_pairs.h"
 
 namespace iclk {
 

@@ -6,7 +6,7 @@
 #include <fmt/ranges.h>
 #include <Eigen/Geometry>
 
-#include "apps/io/pose_text.h"
+#include <iclk/session/io/pose_text.h>
 
 namespace iclk {
 namespace {

@@ -2,8 +2,7 @@
 #include <vector>
 
 #include <iclk/align/se3.h>
-
-#include "apps/io/pose_text.h"
+#include <iclk/session/io/pose_text.h>
 
 namespace iclk {
 

@@ -15,14 +15,13 @@
 #include <opencv2/imgproc.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/feature_csv.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/common/refuse.h"
-#include "apps/io/distortion.h"
-#include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
-#include "apps/io/output.h"
-#include "apps/io/text.h"
 #include "apps/sets/set_folder.h"
 
 namespace iclk {

@@ -9,8 +9,8 @@
 
 #include <iclk/align/camera.h>
 #include <iclk/align/features.h>
+#include <iclk/session/pose_errors.h>
 
-#include "apps/eval/pose_errors.h"
 #include "apps/render/pairs.h"
 
 namespace iclk {

@@ -7,11 +7,11 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/refine/rolling_shutter.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/batch/manifest.h"
 #include "apps/batch/progress.h"
-#include "apps/io/output.h"
-#include "apps/io/text.h"
 #include "apps/sets/flight_files.h"
 #include "apps/sets/flight_path.h"
 #include "apps/sets/pair_set.h"

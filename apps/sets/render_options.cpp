@@ -5,11 +5,13 @@
 #include <tuple>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/distortion.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/common/angles.h"
 #include "apps/common/refuse.h"
-#include "apps/io/output.h"
-#include "apps/io/text.h"
+#include "apps/io/json.h"
 #include "apps/render/geotiff.h"
 #include "apps/render/procedural.h"
 #include "apps/sets/pair_set.h"

@@ -6,9 +6,10 @@
 
 #include <nlohmann/json.hpp>
 
+#include <iclk/session/detect.h>
+
 #include "apps/io/stereo_file.h"
 #include "apps/render/pairs.h"
-#include "apps/session/detect.h"
 
 namespace iclk {
 

@@ -7,12 +7,13 @@
 #include <opencv2/core.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/pose_text.h>
 
 #include "apps/batch/manifest.h"
 #include "apps/batch/progress.h"
 #include "apps/io/images.h"
-#include "apps/io/output.h"
-#include "apps/io/pose_text.h"
+#include "apps/io/json.h"
 #include "apps/sets/pair_set.h"
 #include "apps/sets/render_loop.h"
 #include "apps/sets/render_options.h"

@@ -5,11 +5,11 @@
 #include <filesystem>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/common/refuse.h"
 #include "apps/io/json.h"
-#include "apps/io/output.h"
-#include "apps/io/text.h"
 
 namespace iclk {
 namespace {

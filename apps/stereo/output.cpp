@@ -7,11 +7,12 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/session/io/pose_text.h>
+
 #include "apps/common/angles.h"
-#include "apps/io/distortion.h"
+#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
-#include "apps/io/pose_text.h"
 #include "apps/sets/pair_set.h"
 
 namespace iclk {

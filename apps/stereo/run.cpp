@@ -9,15 +9,15 @@
 #include <opencv2/imgproc.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/feature_csv.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/common/angles.h"
-#include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
-#include "apps/io/output.h"
 #include "apps/io/sequence.h"
-#include "apps/io/text.h"
-#include "apps/session/any_aligner.h"
+#include "apps/io/undistorter.h"
 #include "apps/stereo/output.h"
 
 namespace iclk {
@@ -74,7 +74,6 @@ class Loader {
     if (out.features.inverse_depth_sigma.empty()) options_.depth_sigma.apply(camera, out.features);
     return out;
   }
-  bool masks() const { return !undistort_right_->seen().empty(); }
 
   Camera camera;
 
@@ -116,8 +115,9 @@ void add_epipolar(const Camera& camera, const std::vector<std::vector<RigSightin
   report.epipolar_after = after / count;
 }
 
-void run_flex(const StereoRunOptions& options, const std::vector<RigPair>& pairs, Aligner& aligner, StereoReport& report) {
-  const auto aligned = align_pairs(aligner, report.camera, pairs, report.prior, options.rig.refiner, options.rig.search);
+void run_flex(const StereoRunOptions& options, const std::vector<RigPair>& pairs, const Session& session,
+              StereoReport& report) {
+  const auto aligned = align_pairs(session, report.camera, pairs, report.prior, options.rig.refiner, options.rig.search);
   std::vector<std::vector<RigSighting>> found(pairs.size());
   for (size_t i = 0; i < pairs.size(); ++i) {
     const RefinedAlignment& r = aligned[i];
@@ -220,28 +220,25 @@ StereoReport run_stereo(const StereoRunOptions& options, const std::function<voi
   report.camera = loader.camera;
   std::vector<Loaded> loaded;
   std::vector<RigPair> pairs;
-  int features = 1;
   const int total = static_cast<int>(options.pairs.size());
   for (const StereoFiles& files : options.pairs) {
     loaded.push_back(loader.load(files));
-    features = std::max(features, loaded.back().features.size());
     progress(static_cast<int>(loaded.size()), total);
   }
   for (const Loaded& l : loaded) pairs.push_back(pair_of(l));
 
-  const Plan plan = rig_plan(loader.camera, features, std::min(options.batch, total), loader.masks());
-  AlignerOptions aligner_options;
-  aligner_options.search.enabled = options.rig.search;
-  std::shared_ptr<engine::Context> context;
-  if (options.solver != Solver::cpu) context = open_device(options.device);
-  const auto aligner = make_any_aligner(options.solver, context, plan, aligner_options);
-  report.device = context ? context->info().name : "CPU";
-  report.cpu_unasked = context && context->cpu_unasked();
+  const Session session({.model = "classical",
+                         .device = options.device,
+                         .solver = options.solver,
+                         .search = options.rig.search ? SearchMode::automatic : SearchMode::off,
+                         .batch = options.batch});
+  report.device = session.context() ? session.device_name() : "CPU";
+  report.cpu_unasked = session.cpu_unasked();
   if (!options.out.empty()) make_output_folder(options.out);
   if (options.flex)
-    run_flex(options, pairs, *aligner, report);
+    run_flex(options, pairs, session, report);
   else
-    report.rig = estimate_rig(*aligner, loader.camera, pairs, report.prior, options.rig);
+    report.rig = estimate_rig(session, loader.camera, pairs, report.prior, options.rig);
   report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   if (options.out.empty()) return report;
   size_t shown = 0;  // the first pair that says something

@@ -8,10 +8,10 @@
 
 #include <iclk/rig/flex.h>
 #include <iclk/rig/rig.h>
+#include <iclk/session/depth_sigma.h>
+#include <iclk/session/detect.h>
 
-#include "apps/io/depth_sigma.h"
 #include "apps/io/stereo_file.h"
-#include "apps/session/detect.h"
 
 namespace iclk {
 

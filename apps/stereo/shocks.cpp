@@ -15,14 +15,14 @@
 #include <iclk/engine/error.h>
 #include <iclk/rig/flex.h>
 #include <iclk/rig/rig.h>
+#include <iclk/session/detect.h>
+#include <iclk/session/device.h>
 
 #include "apps/common/angles.h"
-#include "apps/io/distortion.h"
+#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
 #include "apps/render/procedural.h"
 #include "apps/render/renderer.h"
-#include "apps/session/any_aligner.h"
-#include "apps/session/detect.h"
 
 namespace iclk {
 namespace {
@@ -88,9 +88,8 @@ class World {
     return photograph(renderer_.render(kCamera, v.T_WC * T_rl.inverse()), 0.85, 12, 2 * seed + 1);
   }
   std::unique_ptr<Aligner> aligner(int pairs) {
-    AlignerOptions options;
-    options.search.enabled = true;
-    return make_any_aligner(Solver::device, context_, rig_plan(kCamera, settings_.features, pairs), options);
+    const Session session({.model = "classical", .solver = Solver::device}, context_);
+    return session.make_aligner(rig_plan(kCamera, settings_.features, pairs));
   }
   const std::string& device() const { return context_->info().name; }
 

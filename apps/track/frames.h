@@ -6,10 +6,10 @@
 
 #include <opencv2/core.hpp>
 
+#include <iclk/session/io/camera_file.h>
 #include <iclk/track/tracker.h>
 
-#include "apps/io/camera_file.h"
-#include "apps/io/distortion.h"
+#include "apps/io/undistorter.h"
 #include "apps/io/sequence.h"
 #include "apps/io/video.h"
 #include "apps/track/stereo_depth.h"

@@ -10,10 +10,10 @@
 #include <nlohmann/json.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/output.h>
+#include <iclk/session/io/pose_text.h>
+#include <iclk/session/io/text.h>
 
-#include "apps/io/output.h"
-#include "apps/io/pose_text.h"
-#include "apps/io/text.h"
 #include "apps/track/output.h"
 
 namespace iclk {

@@ -6,10 +6,10 @@
 #include <fmt/format.h>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/pose_text.h>
 
 #include "apps/io/images.h"
 #include "apps/io/json.h"
-#include "apps/io/pose_text.h"
 #include "apps/pictures/plot.h"
 
 namespace iclk {

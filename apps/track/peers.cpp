@@ -5,9 +5,10 @@
 
 #include <fmt/format.h>
 
+#include <iclk/session/detect.h>
+
 #include "apps/bench/measure.h"
 #include "apps/peers/methods.h"
-#include "apps/session/detect.h"
 #include "apps/session/pair_input.h"
 
 namespace iclk {

@@ -9,13 +9,10 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
+#include <iclk/session/io/output.h>
 #include <iclk/track/rolling_shutter.h>
 
-#include "apps/io/output.h"
-#include "apps/session/any_aligner.h"
-#include "apps/session/model_lookup.h"
 #include "apps/track/journal.h"
 #include "apps/track/output.h"
 #include "apps/version.h"
@@ -114,23 +111,12 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   TrackerOptions how = options.tracker;
   how.masks = how.masks || frames.masks();
   how.rows = frames.rows();
-  AlignerOptions aligner_options;
-  std::shared_ptr<const Model> model;
-  if (options.model != "classical") {
-    model = std::make_shared<const Model>(load_model(find_model(options.model)));
-    aligner_options = model->options();
-  }
-  aligner_options.search.enabled = true;
-  Plan plan = Tracker::plan(frames.camera(), how);
-  if (model) plan.format = PixelFormat::rgba8;
-  std::shared_ptr<engine::Context> context;
-  if (options.solver != Solver::cpu) context = open_device(options.device);
-  const auto aligner = make_any_aligner(options.solver, context, plan, aligner_options, model);
-  Tracker tracker(*aligner, frames.camera(), how);
+  const Session session({.model = options.model, .device = options.device, .solver = options.solver});
+  Tracker tracker(session, frames.camera(), how);
 
   TrackReport report;
-  report.device = context ? context->info().name : "CPU";
-  report.cpu_unasked = context && context->cpu_unasked();
+  report.device = session.context() ? session.device_name() : "CPU";
+  report.cpu_unasked = session.cpu_unasked();
   if (!options.out.empty()) make_output_folder(options.out);
   Journal journal(options.out, key_of(options, frames, how), options.fresh, tracker);
   report.seconds = journal.seconds();

@@ -3,7 +3,7 @@
 
 #include <opencv2/calib3d.hpp>
 
-#include "apps/io/distortion.h"
+#include "apps/io/undistorter.h"
 #include "apps/io/stereo_file.h"
 
 namespace iclk {

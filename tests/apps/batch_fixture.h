@@ -4,7 +4,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "apps/io/pose_text.h"
+#include <iclk/session/io/pose_text.h>
+
 #include "apps/sets/scene.h"
 #include "batch_process.h"
 

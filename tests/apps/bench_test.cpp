@@ -5,7 +5,8 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "apps/eval/pose_errors.h"
+#include <iclk/session/pose_errors.h>
+
 #include "apps/peers/peers.h"
 #include "device.h"
 #include "files.h"
@@ -165,6 +166,7 @@ TEST(Peers, MissingDataSaysWhereAndHow) {
   PeerOptions options;
   options.data = "no/such/folder";
   options.iclk.solver = Solver::cpu;
+  options.iclk.stages = {{}};
   expect_error([&] { run_peers(options, kQuiet); }, ErrorCode::io, {"no/such/folder"});
   options.strides = {0};
   expect_error([&] { run_peers(options, kQuiet); }, ErrorCode::invalid_argument, {"--strides 0"});
@@ -182,7 +184,7 @@ TEST(Peers, TwoPairsOfEverySequence) {
   options.strides = {1};
   options.max_pairs = 2;
   options.iclk.solver = Solver::cpu;
-  options.iclk.aligner.robust = Robust::huber;
+  options.iclk.stages = {{}};
   int steps = 0;
   const PeerReport report = run_peers(options, [&](const std::string&, int, int) { ++steps; });
   EXPECT_EQ(steps, 3 * 2 + 1);

@@ -4,9 +4,10 @@
 #include <opencv2/core/persistence.hpp>
 
 #include <iclk/align/se3.h>
+#include <iclk/session/io/camera_file.h>
+#include <iclk/session/io/distortion.h>
 
-#include "apps/io/camera_file.h"
-#include "apps/io/distortion.h"
+#include "apps/io/undistorter.h"
 #include "files.h"
 
 namespace iclk {

@@ -10,7 +10,8 @@
 #include <fmt/format.h>
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/io/pose_text.h"
+#include <iclk/session/io/pose_text.h>
+
 #include "apps/sets/scene.h"
 #include "files.h"
 

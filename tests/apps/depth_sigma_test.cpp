@@ -3,8 +3,9 @@
 
 #include <nlohmann/json.hpp>
 
+#include <iclk/session/depth_sigma.h>
+
 #include "apps/commands/command.h"
-#include "apps/io/depth_sigma.h"
 #include "command_fixture.h"
 
 namespace iclk {

@@ -5,7 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "apps/io/pose_text.h"
+#include <iclk/session/io/pose_text.h>
 
 #include "command_fixture.h"
 #include "device.h"

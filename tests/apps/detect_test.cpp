@@ -1,4 +1,4 @@
-#include "apps/session/detect.h"
+#include <iclk/session/detect.h>
 
 #include <array>
 #include <bit>
@@ -7,9 +7,10 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/session/internal/corners.h>
+#include <iclk/session/internal/grey.h>
+
 #include "apps/io/images.h"
-#include "apps/session/corners.h"
-#include "apps/session/grey.h"
 #include "files.h"
 
 namespace iclk {

@@ -3,7 +3,8 @@
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/io/pose_text.h"
+#include <iclk/session/io/pose_text.h>
+
 #include "apps/sets/scene.h"
 #include "files.h"
 

@@ -1,11 +1,12 @@
 // A small set of rendered pairs, evaluated by the library on the CPU and by the built command.
 #include <algorithm>
 
+#include <iclk/session/io/text.h>
+
 #include "apps/commands/command.h"
 #include "apps/eval/pictures.h"
 #include "apps/eval/report.h"
 #include "apps/io/images.h"
-#include "apps/io/text.h"
 #include "command_fixture.h"
 #include "eval_set.h"
 
@@ -29,7 +30,7 @@ DecodedPair decode(const Manifest& manifest, const ManifestLine& line) {
   input.camera = load_camera(request.camera.value());
   DecodedPair item;
   item.pair = PairLoader(input).load(request.files);
-  item.pair.T_10 = request.T_10.value_or(SE3());
+  item.pair.T_10 = request.T_10;
   item.pair.truth = request.truth;
   return item;
 }
@@ -40,6 +41,7 @@ EvalReport evaluate(const std::string& path, const EvalOptions& options, int rou
                           [](const PairRequest&, const std::string& file) { return load_depth(file, 0); }};
   SessionOptions session;
   session.solver = Solver::cpu;
+  session.stages = {{}};
   session.refiner.rounds = rounds;
   session.refiner.min_inliers = min_inliers;
   return run_eval(manifest, loader, session, options, [](int, int) {});

@@ -5,11 +5,13 @@
 
 #include <nlohmann/json.hpp>
 
+#include <iclk/session/io/pose_text.h>
+
 #include "apps/batch/manifest.h"
 #include "apps/commands/command.h"
 #include "apps/io/euroc.h"
 #include "apps/io/images.h"
-#include "apps/io/pose_text.h"
+#include "apps/io/json.h"
 #include "apps/io/sequence.h"
 #include "apps/io/stereo_file.h"
 #include "batch_process.h"

@@ -5,7 +5,8 @@
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/io/output.h"
+#include <iclk/session/io/output.h>
+
 #include "files.h"
 
 namespace iclk {

@@ -7,7 +7,9 @@
 #include <Eigen/LU>
 #include <opencv2/calib3d.hpp>
 
-#include "apps/io/distortion.h"
+#include <iclk/session/io/distortion.h>
+
+#include "apps/io/undistorter.h"
 #include "apps/render/procedural.h"
 #include "apps/render/renderer.h"
 #include "device.h"

@@ -2,8 +2,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "apps/eval/pose_errors.h"
-#include "apps/session/session.h"
+#include <iclk/session/io/distortion.h>
+#include <iclk/session/pose_errors.h>
+
+#include "apps/session/run_pairs.h"
 #include "apps/sets/scene.h"
 #include "files.h"
 
@@ -51,9 +53,8 @@ class Masks : public ::testing::Test {
     return {folder_.path("a.png"), folder_.path(target), folder_.path("d.tiff"), ""};
   }
   static RefinedAlignment run(const PairInput& pair) {
-    SessionOptions options;
-    options.solver = Solver::cpu;
-    return Session(options).run(pair);
+    Session session({.solver = Solver::cpu, .stages = {{}}});
+    return run_pair(session, pair);
   }
   static double error(const PairInput& pair, const RefinedAlignment& result) {
     return pose_error(pair.camera, pair.features, *pair.truth, result.T_10).e_pixel;

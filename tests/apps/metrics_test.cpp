@@ -1,4 +1,4 @@
-#include "apps/eval/pose_errors.h"
+#include <iclk/session/pose_errors.h>
 
 #include <gtest/gtest.h>
 

@@ -1,10 +1,11 @@
 // `iclk model info`, and how a model that is named without a path is found.
 #include <nlohmann/json.hpp>
 
+#include <iclk/session/io/text.h>
+#include <iclk/session/models.h>
+
 #include "apps/commands/command.h"
-#include "apps/io/text.h"
 #include "apps/session/model_info.h"
-#include "apps/session/model_lookup.h"
 #include "command_fixture.h"
 #include "tiny_model.h"
 

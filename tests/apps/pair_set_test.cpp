@@ -1,9 +1,10 @@
 // `iclk render` as a process: sets on the disk, killed and continued; single views; bad input.
 #include <opencv2/imgcodecs.hpp>
 
+#include <iclk/session/io/feature_csv.h>
+
 #include "apps/batch/manifest.h"
 #include "apps/commands/command.h"
-#include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
 #include "apps/sets/pair_set.h"
 #include "batch_process.h"

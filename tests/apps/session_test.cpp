@@ -1,11 +1,13 @@
-#include "apps/session/session.h"
+#include "apps/session/run_pairs.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/eval/pose_errors.h"
+#include <iclk/session/io/distortion.h>
+#include <iclk/session/pose_errors.h>
+
 #include "apps/io/sequence.h"
 #include "apps/session/report.h"
 #include "apps/sets/scene.h"
@@ -34,11 +36,9 @@ PairInput scene_input(int width = 320, int height = 240) {
   return pair;
 }
 
-SessionOptions cpu_options() {
-  SessionOptions options;
-  options.solver = Solver::cpu;
-  return options;
-}
+/// The classical mode without a search.
+SessionOptions options_of(Solver solver) { return {.solver = solver, .stages = {{}}}; }
+SessionOptions cpu_options() { return options_of(Solver::cpu); }
 
 /// Every number is finite, or the value is null.
 void expect_finite(const nlohmann::ordered_json& value) {
@@ -58,7 +58,7 @@ void expect_matrix(const nlohmann::ordered_json& value, size_t n) {
 TEST(Session, FindsTheTruthAndReportsIt) {
   const PairInput pair = scene_input();
   Session session(cpu_options());
-  const RefinedAlignment result = session.run(pair);
+  const RefinedAlignment result = run_pair(session, pair);
   ASSERT_TRUE(result.converged()) << result.reason;
   EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel, 0.2);
 
@@ -111,20 +111,19 @@ TEST(Session, EverySolverGivesThePose) {
   cv::RNG random(5);
   random.fill(foreign.image_1, cv::RNG::UNIFORM, 0, 255);
   Session cpu(cpu_options());
-  const RefinedAlignment expected = cpu.run(pair);
+  const RefinedAlignment expected = run_pair(cpu, pair);
   for (const Solver solver : {Solver::host, Solver::device}) {
-    SessionOptions options;
-    options.solver = solver;
+    SessionOptions options = options_of(solver);
     options.profile = true;
     Session session(options);
     EXPECT_NE(session.device_name(), cpu.device_name());
-    const RefinedAlignment result = session.run(pair);
+    const RefinedAlignment result = run_pair(session, pair);
     ASSERT_TRUE(result.converged()) << result.reason;
     EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, expected.T_10).e_pixel, 0.01);
-    EXPECT_EQ(session.run(pair).T_10.matrix(), result.T_10.matrix()) << "two runs, the same bits";
-    EXPECT_NE(session.profile_text(pair).find("pyramid"), std::string::npos) << session.profile_text(pair);
-    EXPECT_EQ(session.run(blank).status, cpu.run(blank).status);
-    EXPECT_FALSE(session.run(foreign).converged());
+    EXPECT_EQ(run_pair(session, pair).T_10.matrix(), result.T_10.matrix()) << "two runs, the same bits";
+    EXPECT_NE(profile_text(session, pair).find("pyramid"), std::string::npos) << profile_text(session, pair);
+    EXPECT_EQ(run_pair(session, blank).status, run_pair(cpu, blank).status);
+    EXPECT_FALSE(run_pair(session, foreign).converged());
   }
 }
 
@@ -143,7 +142,7 @@ TEST(Session, WithoutTruthThereAreNoErrors) {
   PairInput pair = scene_input();
   pair.truth.reset();
   Session session(cpu_options());
-  const auto json = to_json(pair, session.run(pair), session);
+  const auto json = to_json(pair, run_pair(session, pair), session);
   EXPECT_FALSE(json["stages"][0].contains("e_pixel"));
 }
 
@@ -152,7 +151,7 @@ TEST(Session, WithoutRefinementThereIsOneStage) {
   SessionOptions options = cpu_options();
   options.refine = false;
   Session session(options);
-  const RefinedAlignment result = session.run(pair);
+  const RefinedAlignment result = run_pair(session, pair);
   ASSERT_TRUE(result.converged()) << result.reason;
   const auto json = to_json(pair, result, session);
   ASSERT_EQ(json["stages"].size(), 1u);
@@ -165,7 +164,7 @@ TEST(Session, AFailureHasNullsAndAHint) {
   pair.features.inverse_depth.resize(3);
   pair.features.inverse_depth[0] = NAN;
   Session session(cpu_options());
-  const RefinedAlignment result = session.run(pair);
+  const RefinedAlignment result = run_pair(session, pair);
   EXPECT_EQ(result.status, Status::too_few_features);
   const auto json = to_json(pair, result, session);
   expect_finite(json);
@@ -177,14 +176,14 @@ TEST(Session, AFailureHasNullsAndAHint) {
 
 TEST(Session, OtherSizesAndMoreFeaturesMakeNewPlans) {
   Session session(cpu_options());
-  EXPECT_TRUE(session.run(scene_input()).converged());
-  EXPECT_TRUE(session.run(scene_input(400, 300)).converged());
+  EXPECT_TRUE(run_pair(session, scene_input()).converged());
+  EXPECT_TRUE(run_pair(session, scene_input(400, 300)).converged());
   PairInput pair = scene_input(400, 300);
   pair.features = {};
   DetectorOptions many;
   many.count = 120;
   detect_missing_features(pair, many);
-  EXPECT_TRUE(session.run(pair).converged());
+  EXPECT_TRUE(run_pair(session, pair).converged());
 }
 
 TEST(Session, BatchesGiveWhatSinglesGive) {
@@ -194,25 +193,24 @@ TEST(Session, BatchesGiveWhatSinglesGive) {
   b.T_10 = a.truth->inverse();
   const std::vector<PairInput> pairs = {a, b, a};
   SessionOptions options = cpu_options();
-  options.max_pairs = 2;
+  options.batch = 2;
   Session session(options), single(cpu_options());
-  const std::vector<RefinedAlignment> results = session.run(pairs);
+  const std::vector<RefinedAlignment> results = run_pairs(session, pairs);
   ASSERT_EQ(results.size(), 3u);
-  for (size_t i = 0; i < 3; ++i) EXPECT_EQ(results[i].T_10.matrix(), single.run(pairs[i]).T_10.matrix()) << i;
+  for (size_t i = 0; i < 3; ++i) EXPECT_EQ(results[i].T_10.matrix(), run_pair(single, pairs[i]).T_10.matrix()) << i;
 }
 
 TEST(Session, NothingIsSearchedWhereAGuessWasGiven) {
   PairInput plain = scene_input(), guessed = plain;
   guessed.T_10 = *plain.truth;
-  guessed.T_10.t.x() += 0.01;
-  guessed.guessed = true;
-  SessionOptions options = cpu_options(), off = cpu_options();
-  options.aligner.search.enabled = true;
-  off.aligner.search.enabled = false;
-  const auto pose = [](SessionOptions o, const PairInput& pair) { return Session(o).run(pair).iclk.T_10.matrix(); };
-  EXPECT_EQ(pose(options, guessed), pose(off, guessed));
-  options.search_guessed = true;
-  EXPECT_NE(pose(options, guessed), pose(off, guessed));
+  guessed.T_10->t.x() += 0.01;
+  const auto pose = [](SearchMode search, const PairInput& pair) {
+    Session session({.model = "classical", .solver = Solver::cpu, .search = search});
+    return run_pair(session, pair).iclk.T_10.matrix();
+  };
+  EXPECT_EQ(pose(SearchMode::automatic, guessed), pose(SearchMode::off, guessed));
+  EXPECT_NE(pose(SearchMode::on, guessed), pose(SearchMode::off, guessed));
+  EXPECT_EQ(pose(SearchMode::automatic, plain), pose(SearchMode::on, plain));
 }
 
 TEST(Session, DeepAndGreyImages) {
@@ -222,7 +220,7 @@ TEST(Session, DeepAndGreyImages) {
     pair.image_0.convertTo(pair.image_0, depth, depth == CV_16U ? 257 : 1 / 255.0);
     pair.image_1.convertTo(pair.image_1, depth, depth == CV_16U ? 257 : 1 / 255.0);
     Session session(cpu_options());
-    EXPECT_TRUE(session.run(pair).converged());
+    EXPECT_TRUE(run_pair(session, pair).converged());
   }
 }
 
@@ -231,11 +229,11 @@ TEST(Session, DenseNeedsADepthImage) {
   SessionOptions options = cpu_options();
   options.dense = true;
   Session session(options);
-  const RefinedAlignment result = session.run(pair);
+  const RefinedAlignment result = run_pair(session, pair);
   EXPECT_TRUE(result.converged()) << result.reason;
   EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel, 0.2);
   pair.depth_0 = cv::Mat();
-  expect_error([&] { session.run(pair); }, ErrorCode::invalid_argument, {"--dense", "--depth"});
+  expect_error([&] { run_pair(session, pair); }, ErrorCode::invalid_argument, {"--dense", "--depth"});
 }
 
 TEST(PairLoader, SizesMustAgree) {
@@ -293,19 +291,17 @@ TEST(Session, RealPairsMeetTheIssue) {
     for (const bool undistort : {false, true}) {
       if (solver != Solver::cpu && !has_device()) continue;
       SCOPED_TRACE(testing::Message() << "solver " << static_cast<int>(solver) << (undistort ? ", undistorted" : ""));
-      SessionOptions session_options;
-      session_options.solver = solver;
       InputOptions options;
       options.camera = *sequence.camera;
       options.detector.count = 50;  // the bounds are of the paper's 50
       if (undistort) options.distortion = parse_distortion("radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633");
       const PairLoader loader(options);
-      Session session(session_options);
+      Session session(options_of(solver));
       double degrees = 0, mm = 0;
       for (int i = 0; i < 4; ++i) {
         const SequencePair& p = pairs[static_cast<size_t>(i)];
         const PairInput pair = loader.load({p.reference, p.target, p.depth, ""});
-        const RefinedAlignment result = session.run(pair);
+        const RefinedAlignment result = run_pair(session, pair);
         EXPECT_TRUE(result.converged()) << i << ": " << result.reason;
         const PoseError e = pose_error(pair.camera, pair.features, result.T_10, *p.T_10);
         if (i < 3)
@@ -321,15 +317,15 @@ TEST(Session, RealPairsMeetTheIssue) {
 TEST(Session, RollingShuttersAreSeenInRealPairsAndNotInRenderedOnes) {
   const std::string kinect = test::data_folder("tum_fr1_360_5"), rendered = test::data_folder("tartan_60");
   if (kinect.empty() || rendered.empty()) GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5 and tartan_60";
-  SessionOptions session_options;
-  session_options.solver = has_device() ? Solver::device : Solver::cpu;
+  SessionOptions session_options = options_of(has_device() ? Solver::device : Solver::cpu);
   const Sequence turning = load_sequence(kinect);
   const auto error_of = [&](const Sequence& sequence, const SequencePair& p, bool rolling, bool& turned) {
     InputOptions options;
     options.camera = *sequence.camera;
     session_options.refiner.rolling_shutter = rolling;
     const PairInput pair = PairLoader(options).load({p.reference, p.target, p.depth, ""});
-    const RefinedAlignment result = Session(session_options).run(pair);
+    Session session(session_options);
+    const RefinedAlignment result = run_pair(session, pair);
     EXPECT_TRUE(result.converged() || &sequence != &turning) << result.reason;
     turned = result.turn.has_value();
     return pose_error(pair.camera, pair.features, result.T_10, *p.T_10);

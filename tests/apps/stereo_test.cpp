@@ -10,8 +10,9 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/session/io/text.h>
+
 #include "apps/io/stereo_file.h"
-#include "apps/io/text.h"
 #include "apps/render/procedural.h"
 #include "apps/render/renderer.h"
 #include "command_fixture.h"

@@ -3,9 +3,10 @@
 
 #include <Eigen/Geometry>
 
-#include "apps/io/feature_csv.h"
-#include "apps/io/pose_text.h"
-#include "apps/io/text.h"
+#include <iclk/session/io/feature_csv.h>
+#include <iclk/session/io/pose_text.h>
+#include <iclk/session/io/text.h>
+
 #include "files.h"
 
 namespace iclk {

@@ -4,7 +4,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "apps/io/pose_text.h"
+#include <iclk/session/io/pose_text.h>
 
 #include "batch_process.h"
 #include "command_fixture.h"

@@ -6,8 +6,9 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
+#include <iclk/session/io/pose_text.h>
+
 #include "apps/io/images.h"
-#include "apps/io/pose_text.h"
 #include "apps/io/video.h"
 #include "apps/render/procedural.h"
 #include "apps/render/renderer.h"

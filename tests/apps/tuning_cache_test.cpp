@@ -3,8 +3,9 @@
 #include <filesystem>
 #include <limits>
 
+#include <iclk/session/tuning_cache.h>
+
 #include "apps/bench/device_tuning.h"
-#include "apps/session/tuning_cache.h"
 #include "device.h"
 #include "files.h"
 #include "random_model.h"

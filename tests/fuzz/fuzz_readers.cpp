@@ -12,12 +12,12 @@
 #include <string>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/camera_file.h>
+#include <iclk/session/io/feature_csv.h>
+#include <iclk/session/io/pose_text.h>
 
 #include "apps/batch/manifest.h"
-#include "apps/io/camera_file.h"
-#include "apps/io/feature_csv.h"
 #include "apps/io/images.h"
-#include "apps/io/pose_text.h"
 #include "apps/render/geotiff.h"
 
 namespace {

@@ -1,0 +1,62 @@
+// Aligns two images whose depth is known in the first, with the library alone:
+//   example_align a.ppm b.ppm a_depth.pgm 5000 517.3 516.5 318.6 255.3 [device]
+// 5000 is how many units of the depth image a metre has; then fx, fy, cx, cy. Prints the status and T_10.
+#include <cstdint>
+#include <cstdio>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include <iclk/iclk.h>
+
+namespace {
+
+struct Image {
+  int width = 0, height = 0;
+  std::vector<uint8_t> bytes;
+};
+
+/// A binary PGM or PPM file.
+Image read(const std::string& path) {
+  std::ifstream file(path, std::ios::binary);
+  std::string kind;
+  int width = 0, height = 0, most = 0;
+  file >> kind >> width >> height >> most;
+  file.get();
+  const int pixel = (kind == "P6" ? 3 : 1) * (most > 255 ? 2 : 1);
+  Image image{width, height, std::vector<uint8_t>(static_cast<size_t>(width) * static_cast<size_t>(height * pixel))};
+  file.read(reinterpret_cast<char*>(image.bytes.data()), static_cast<std::streamsize>(image.bytes.size()));
+  if (!file) throw iclk::Error(iclk::ErrorCode::io, path + " is no binary PGM or PPM file");
+  return image;
+}
+
+iclk::ImageView view(const Image& image) {
+  const bool grey = image.bytes.size() == static_cast<size_t>(image.width) * static_cast<size_t>(image.height);
+  return {image.bytes.data(), image.width, image.height, 0, grey ? iclk::PixelFormat::r8 : iclk::PixelFormat::rgb8};
+}
+
+/// Of 16-bit depth, whose bytes come high first.
+std::vector<float> metres(const Image& depth, float scale) {
+  std::vector<float> z(depth.bytes.size() / 2);
+  for (size_t i = 0; i < z.size(); ++i) z[i] = static_cast<float>(depth.bytes[2 * i] << 8 | depth.bytes[2 * i + 1]) * (1 / scale);
+  return z;
+}
+
+}  // namespace
+
+int main(int count, char** words) try {
+  if (count < 9) return std::fputs("a.ppm b.ppm a_depth.pgm SCALE FX FY CX CY [DEVICE]\n", stderr), 2;
+  const Image reference = read(words[1]), target = read(words[2]), raw = read(words[3]);
+  const std::vector<float> depth = metres(raw, std::stof(words[4]));
+  const iclk::Camera camera{std::stod(words[5]), std::stod(words[6]), std::stod(words[7]), std::stod(words[8]),
+                            reference.width, reference.height};
+  const iclk::ImageView depth_view{depth.data(), raw.width, raw.height, 0, iclk::PixelFormat::r32f};
+  const iclk::Answer answer =
+      iclk::align(view(reference), depth_view, view(target), camera, {.device = count > 9 ? words[9] : ""});
+  std::printf("%s: %s\n", iclk::name(answer.status), answer.reason.c_str());
+  const Eigen::Matrix4d T = answer.T_10.matrix();
+  for (int r = 0; r < 4; ++r) std::printf("%.17g %.17g %.17g %.17g\n", T(r, 0), T(r, 1), T(r, 2), T(r, 3));
+  return answer.converged() ? 0 : 1;
+} catch (const std::exception& e) {
+  return std::fprintf(stderr, "%s\n", e.what()), 2;
+}

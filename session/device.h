@@ -1,0 +1,13 @@
+#pragma once
+#include <memory>
+#include <string>
+
+#include <iclk/engine/context.h>
+
+namespace iclk {
+
+/// The device that `wish` names by index, part of the name or UUID; empty: ICLK_DEVICE, else the best. Throws what
+/// engine::create_context() throws.
+std::shared_ptr<engine::Context> open_device(std::string wish = {});
+
+}  // namespace iclk

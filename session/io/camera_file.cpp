@@ -1,0 +1,222 @@
+#include <iclk/session/io/camera_file.h>
+
+#include <cmath>
+#include <filesystem>
+
+#include <iclk/engine/error.h>
+#include <iclk/session/io/distortion.h>
+#include <iclk/session/io/text.h>
+#include <iclk/session/io/yaml.h>
+
+namespace iclk {
+namespace {
+
+[[noreturn]] void fail(const std::string& source, const std::string& why) {
+  throw Error(ErrorCode::invalid_argument, source + ": " + why);
+}
+
+/// Image sides as a file states them; a camera for 1e9 pixels a side is a typing error or an attack.
+int side(double value, const std::string& source) {
+  if (!(value >= 1 && value <= 65536) || value != std::floor(value)) {
+    fail(source, "image size " + std::to_string(value) + " is not a whole number from 1 to 65536");
+  }
+  return static_cast<int>(value);
+}
+
+void set_intrinsics(CameraFile& file, const std::vector<double>& k) {
+  file.camera.fx = k[0], file.camera.fy = k[1], file.camera.cx = k[2], file.camera.cy = k[3];
+  if (k.size() >= 6) file.camera.width = side(k[4], file.source), file.camera.height = side(k[5], file.source);
+}
+
+/// Keys of one YAML file, with messages that name file and key.
+struct Keys {
+  const Yaml& yaml;
+  const std::string& source;
+
+  std::vector<double> numbers(const std::string& key, size_t count) const {
+    const auto* words = yaml.find(key);
+    if (words == nullptr) fail(source, "key '" + key + "' is missing");
+    std::vector<double> out;
+    for (const std::string& word : *words) {
+      const auto value = to_number(word);
+      if (!value) fail(source, "key '" + key + "': '" + printable(word) + "' is not a number");
+      out.push_back(*value);
+    }
+    if (count != 0 && out.size() != count)
+      fail(source, "key '" + key + "' has " + std::to_string(out.size()) + " numbers, not " + std::to_string(count));
+    return out;
+  }
+  std::string text(const std::string& key) const {
+    const auto* words = yaml.find(key);
+    return words == nullptr || words->empty() ? "" : words->front();
+  }
+  /// The first of several spellings that the file has; the first of all if it has none.
+  std::string spelling(std::initializer_list<const char*> keys) const {
+    for (const char* key : keys)
+      if (yaml.find(key) != nullptr) return key;
+    return *keys.begin();
+  }
+};
+
+/// cam0.intrinsics: [fu, fv, pu, pv]; EuRoC's sensor.yaml has the same keys without a camera's name.
+void read_kalibr(const Keys& keys, const std::string& prefix, CameraFile& file) {
+  const std::string model = keys.text(prefix + "camera_model");
+  if (!model.empty() && model != "pinhole")
+    fail(file.source, "key '" + prefix + "camera_model' is '" + printable(model) + "'; only pinhole cameras are known");
+  std::vector<double> k = keys.numbers(prefix + "intrinsics", 4);
+  const std::vector<double> size = keys.numbers(prefix + "resolution", 2);
+  k.insert(k.end(), size.begin(), size.end());
+  set_intrinsics(file, k);
+  const std::string coefficients = keys.yaml.find(prefix + "distortion_coeffs") != nullptr ? prefix + "distortion_coeffs"
+                                                                                           : prefix + "distortion_coefficients";
+  const std::string distortion = keys.text(prefix + "distortion_model");
+  if (distortion.empty() && keys.yaml.find(coefficients) == nullptr) return;
+  if (distortion.empty()) fail(file.source, "key '" + prefix + "distortion_model' is missing");
+  if (distortion == "none") return;
+  file.distortion = make_distortion(distortion, keys.numbers(coefficients, 0), file.source);
+}
+
+void read_opencv(const Keys& keys, CameraFile& file) {
+  const std::string matrix = keys.spelling({"camera_matrix", "Camera_Matrix", "K"});
+  const std::vector<double> m = keys.numbers(keys.yaml.has_children(matrix) ? matrix + ".data" : matrix, 9);
+  if (m[1] != 0)
+    fail(file.source, "key '" + matrix + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
+  std::vector<double> k = {m[0], m[4], m[2], m[5]};
+  const std::string width = keys.spelling({"image_width", "image_Width"}),
+                    height = keys.spelling({"image_height", "image_Height"});
+  if (keys.yaml.find(width) != nullptr || keys.yaml.find(height) != nullptr) {
+    k.push_back(keys.numbers(width, 1)[0]);
+    k.push_back(keys.numbers(height, 1)[0]);
+  }
+  set_intrinsics(file, k);
+  const std::string d = keys.spelling({"distortion_coefficients", "Distortion_Coefficients", "D", "dist_coeffs"});
+  if (keys.yaml.find(d) == nullptr) return;
+  std::string model = keys.text("distortion_model");
+  if (model == "rational_polynomial") model = "radtan";  // refused below by its count unless the extra terms are zero
+  if (model.empty()) model = keys.text("fisheye_model") == "1" ? "fisheye" : "radtan";
+  file.distortion = make_distortion(model, keys.numbers(keys.yaml.has_children(d) ? d + ".data" : d, 0), file.source);
+}
+
+void read_line(std::string_view text, CameraFile& file) {
+  std::vector<double> k;
+  for (const std::string_view line : lines_of(text)) {
+    const std::vector<double> more = parse_numbers(without_comment(line), file.source);
+    k.insert(k.end(), more.begin(), more.end());
+    if (k.size() > 7) break;
+  }
+  if (k.size() != 4 && k.size() != 6 && k.size() != 7)
+    fail(file.source, "'fx fy cx cy [width height [depth_scale]]' expected, found " + std::to_string(k.size()) + " numbers");
+  set_intrinsics(file, k);
+  if (k.size() == 7) {
+    if (!(std::isfinite(k[6]) && k[6] > 0)) fail(file.source, "depth_scale " + std::to_string(k[6]) + " must be positive");
+    file.depth_scale = k[6];
+  }
+}
+
+void check_intrinsics(const CameraFile& file) {
+  Camera checked = file.camera;
+  if (checked.width == 0) checked.width = checked.height = 1;
+  try {
+    checked.check();
+  } catch (const Error& e) {
+    fail(file.source, e.what());
+  }
+}
+
+CameraFile load_file(const std::string& path) {
+  CameraFile file;
+  file.source = "camera " + path;
+  std::string text;
+  try {
+    text = read_file(path, size_t{1} << 20);
+  } catch (const Error& e) {
+    throw Error(e.code(), std::string(e.what()) + "; a camera is fx,fy,cx,cy[,width,height] or a file");
+  }
+  if (trim(text).empty()) fail(file.source, "the file is empty");
+  std::string_view first;
+  for (const std::string_view line : lines_of(text))
+    if (first = without_comment(line); !first.empty()) break;
+  if (first.find(':') == std::string_view::npos && !first.starts_with("---")) {
+    read_line(text, file);
+    return file;
+  }
+  const Yaml yaml(text, path);
+  const Keys keys{yaml, file.source};
+  if (yaml.has_children("cam0"))
+    read_kalibr(keys, "cam0.", file);
+  else if (yaml.find("intrinsics") != nullptr)
+    read_kalibr(keys, "", file);
+  else if (yaml.find("camera_matrix") != nullptr || yaml.find("Camera_Matrix") != nullptr || yaml.find("K") != nullptr)
+    read_opencv(keys, file);
+  else
+    fail(file.source, "key 'intrinsics' (EuRoC), 'cam0' (Kalibr) or 'camera_matrix' (OpenCV) is missing");
+  return file;
+}
+
+}  // namespace
+
+CameraFile load_camera(const std::string& text_or_path) {
+  // A list of numbers is never looked up as a file, so that a typing error in it is reported as one.
+  const std::string text(trim(text_or_path));
+  CameraFile file;
+  if (text.empty()) fail("--camera", "fx,fy,cx,cy[,width,height] or a camera file is needed");
+  if (text.find_first_not_of("0123456789.,+-eE ") == std::string::npos && text.find(',') != std::string::npos) {
+    file.source = "--camera " + printable(text);
+    const std::vector<double> k = parse_numbers(text, file.source);
+    if (k.size() != 4 && k.size() != 6)
+      fail(file.source, "fx,fy,cx,cy[,width,height] expected, found " + std::to_string(k.size()) + " numbers");
+    set_intrinsics(file, k);
+  } else {
+    file = load_file(text);
+  }
+  check_intrinsics(file);
+  return file;
+}
+
+CameraFile kalibr_camera(const Yaml& yaml, const std::string& prefix, const std::string& source) {
+  CameraFile file;
+  file.source = source;
+  read_kalibr(Keys{yaml, source}, prefix, file);
+  check_intrinsics(file);
+  return file;
+}
+
+CameraFile opencv_camera(const Yaml& yaml, const std::string& matrix, const std::string& coefficients,
+                         const std::string& source) {
+  CameraFile file;
+  file.source = source;
+  const std::vector<double> m = yaml_numbers(yaml, matrix, 9, source);
+  if (m[1] != 0)
+    fail(source, "key '" + matrix + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
+  set_intrinsics(file, {m[0], m[4], m[2], m[5]});
+  if (yaml.find(coefficients) != nullptr)
+    file.distortion = make_distortion("radtan", yaml_numbers(yaml, coefficients, 0, source), source);
+  check_intrinsics(file);
+  return file;
+}
+
+std::vector<double> yaml_numbers(const Yaml& yaml, const std::string& key, size_t count, const std::string& source) {
+  const std::string with_data = key + ".data";
+  std::vector<double> numbers = Keys{yaml, source}.numbers(yaml.find(with_data) != nullptr ? with_data : key, count);
+  for (const double x : numbers)
+    if (!std::isfinite(x)) fail(source, "key '" + key + "' has a number that is not finite");
+  return numbers;
+}
+
+Camera fit_camera(const CameraFile& file, int width, int height) {
+  Camera camera = file.camera;
+  if (camera.width == 0) {
+    camera.width = width, camera.height = height;
+  } else if (camera.width != width || camera.height != height) {
+    // A resized image's sides are rounded, each by up to a pixel.
+    const double scale = static_cast<double>(width) / camera.width;
+    if (std::abs(camera.height * scale - height) > 1 + scale)
+      fail(file.source, "the intrinsics belong to " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +
+                            ", the image is " + std::to_string(width) + "x" + std::to_string(height) +
+                            ": another aspect, so it was cropped; give the intrinsics of the cropped image");
+    camera = camera.resized(width, height);
+  }
+  return camera;
+}
+
+}  // namespace iclk
