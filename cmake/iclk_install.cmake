@@ -15,7 +15,8 @@ install(FILES session/iclk.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk)
 install(FILES shaders/shared.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders)
 install(FILES shaders/refine/refine.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders/refine)
 # A session finds them there.
-install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/iclk/models FILES_MATCHING PATTERN "*.safetensors" PATTERN "*.md")
+install(DIRECTORY models/ DESTINATION ${CMAKE_INSTALL_DATADIR}/iclk/models
+  FILES_MATCHING PATTERN "*.safetensors" PATTERN "*.md")
 install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR})
 
 install(EXPORT iclk NAMESPACE iclk:: FILE iclkTargets.cmake DESTINATION ${ICLK_PACKAGE_DIR})

@@ -9,8 +9,6 @@
 
 #include <iclk/iclk.h>
 
-namespace {
-
 struct Image {
   int width = 0, height = 0;
   std::vector<uint8_t> bytes;
@@ -38,18 +36,17 @@ iclk::ImageView view(const Image& image) {
 /// Of 16-bit depth, whose bytes come high first.
 std::vector<float> metres(const Image& depth, float scale) {
   std::vector<float> z(depth.bytes.size() / 2);
-  for (size_t i = 0; i < z.size(); ++i) z[i] = static_cast<float>(depth.bytes[2 * i] << 8 | depth.bytes[2 * i + 1]) * (1 / scale);
+  for (size_t i = 0; i < z.size(); ++i)
+    z[i] = static_cast<float>(depth.bytes[2 * i] << 8 | depth.bytes[2 * i + 1]) * (1 / scale);
   return z;
 }
-
-}  // namespace
 
 int main(int count, char** words) try {
   if (count < 9) return std::fputs("a.ppm b.ppm a_depth.pgm SCALE FX FY CX CY [DEVICE]\n", stderr), 2;
   const Image reference = read(words[1]), target = read(words[2]), raw = read(words[3]);
   const std::vector<float> depth = metres(raw, std::stof(words[4]));
-  const iclk::Camera camera{std::stod(words[5]), std::stod(words[6]), std::stod(words[7]), std::stod(words[8]),
-                            reference.width, reference.height};
+  const iclk::Camera camera{std::stod(words[5]), std::stod(words[6]), std::stod(words[7]),
+                            std::stod(words[8]), reference.width,     reference.height};
   const iclk::ImageView depth_view{depth.data(), raw.width, raw.height, 0, iclk::PixelFormat::r32f};
   const iclk::Answer answer =
       iclk::align(view(reference), depth_view, view(target), camera, {.device = count > 9 ? words[9] : ""});

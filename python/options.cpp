@@ -31,16 +31,20 @@ Setter word(Parse parse, Set set) {
 const std::map<std::string, Setter>& setters() {
   static const std::map<std::string, Setter> all = {
       {"model", into<std::string>([](SessionOptions & o) -> auto& { return o.model; })},
-      {"precision", word(parse_precision, [](SessionOptions & o) -> auto& { return o.precision; })},
-      {"damping", word(parse_damping, [](SessionOptions & o) -> auto& { return o.damping; })},
-      {"search", word(parse_search, [](SessionOptions & o) -> auto& { return o.search; })},
+      {"precision", word(
+                        parse_precision, [](SessionOptions & o) -> auto& { return o.precision; })},
+      {"damping", word(
+                      parse_damping, [](SessionOptions & o) -> auto& { return o.damping; })},
+      {"search", word(
+                     parse_search, [](SessionOptions & o) -> auto& { return o.search; })},
       {"search_rotation",
        [](SessionOptions& o, nb::handle value) { o.start_search.rotation = nb::cast<double>(value) * M_PI / 180; }},
       {"levels", into<std::optional<int>>([](SessionOptions & o) -> auto& { return o.levels; })},
       {"iterations", into<std::optional<int>>([](SessionOptions & o) -> auto& { return o.iterations; })},
       {"damping_lambda", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.lambda; })},
       {"carry", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.carry; })},
-      {"robust", word(parse_robust, [](SessionOptions & o) -> auto& { return o.robust; })},
+      {"robust", word(
+                     parse_robust, [](SessionOptions & o) -> auto& { return o.robust; })},
       {"photometric", into<std::optional<bool>>([](SessionOptions & o) -> auto& { return o.photometric; })},
       {"refine", into<bool>([](SessionOptions & o) -> auto& { return o.refine; })},
       {"refine_rounds", into<int>([](SessionOptions & o) -> auto& { return o.refiner.rounds; })},
@@ -49,7 +53,8 @@ const std::map<std::string, Setter>& setters() {
       {"rolling_shutter", into<bool>([](SessionOptions & o) -> auto& { return o.refiner.rolling_shutter; })},
       {"camera_sigma", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.refiner.pose.camera_sigma; })},
       {"device", into<std::string>([](SessionOptions & o) -> auto& { return o.device; })},
-      {"solver", word(parse_solver, [](SessionOptions & o) -> auto& { return o.solver; })},
+      {"solver", word(
+                     parse_solver, [](SessionOptions & o) -> auto& { return o.solver; })},
   };
   return all;
 }

@@ -27,11 +27,15 @@ std::set<std::string> models_in(const std::vector<std::string>& folders) {
 }  // namespace
 
 std::vector<std::string> model_folders() {
+  std::vector<std::string> folders;
+  if (const char* own = std::getenv("ICLK_MODELS"); own != nullptr && *own != '\0') folders.emplace_back(own);
   std::error_code error;
-  const fs::path command = fs::read_symlink("/proc/self/exe", error);
-  if (error) return {};
-  const fs::path folder = command.parent_path();
-  return {(folder / "models").string(), (folder / ICLK_RELATIVE_MODELS).lexically_normal().string(), ICLK_INSTALLED_MODELS};
+  if (const fs::path program = fs::read_symlink("/proc/self/exe", error); !error) {
+    folders.push_back((program.parent_path() / "models").string());
+    folders.push_back((program.parent_path() / ICLK_RELATIVE_MODELS).lexically_normal().string());
+  }
+  folders.emplace_back(ICLK_INSTALLED_MODELS);
+  return folders;
 }
 
 std::string default_model() {
@@ -47,9 +51,11 @@ std::string find_model(const std::string& name, const std::vector<std::string>& 
       if (const fs::path path = fs::path(folder) / file; fs::is_regular_file(path, error)) return path.string();
   std::string known;
   for (const std::string& model : models_in(folders)) known += (known.empty() ? "" : ", ") + printable(model);
-  throw Error(ErrorCode::io, "there is no model '" + printable(name) + "': neither a file of this folder nor one of " +
-                                 (known.empty() ? "the installed models, of which there are none" : "the models " + known) +
-                                 "; name one of them, give a path, or take the model \"classical\", which needs no file");
+  throw Error(ErrorCode::io,
+              "there is no model '" + printable(name) + "': neither a file of this folder nor one of " +
+                  (known.empty() ? "the installed models, of which there are none (ICLK_MODELS names their folder)"
+                                 : "the models " + known) +
+                  "; name one of them, give a path, or take the model \"classical\", which needs no file");
 }
 
 }  // namespace iclk

@@ -4,8 +4,9 @@
 
 namespace iclk {
 
-/// Where models lie that are named without a path: `models` beside the running program (in the build tree a link to the source
-/// tree's models/), share/iclk/models of the installation that the program is in, and that of the installed library.
+/// Folders of models that are named without a path: ICLK_MODELS, where it is set; `models` beside the running program, which
+/// in the build tree is a link to the source tree's; share/iclk/models of the installation that the program is in; that of the
+/// installed library.
 std::vector<std::string> model_folders();
 
 /// What --model is where it is not given: ICLK_MODEL, else "auto", which is no single model.

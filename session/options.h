@@ -48,15 +48,15 @@ struct SessionOptions {
   /// Models with options of your own. Unless empty, they replace `model` and all that stands between it and here.
   std::vector<ModelStage> stages = {};
 
-  bool dense = false;  ///< align every pixel with depth, not patches; references need Reference::inverse_depth
-  bool refine = true;  ///< false: ICLK's own answer counts
+  bool dense = false;           ///< align every pixel with depth, not patches; references need Reference::inverse_depth
+  bool refine = true;           ///< false: ICLK's own answer counts
   RefinerOptions refiner = {};  ///< keep_unconfirmed is set for each model: true with a learned one
 
-  DetectorOptions detector = {};   ///< of features that a session chooses
-  DepthSigma depth_sigma = {};     ///< of features without a sigma of their own; see Session::align()
-  int batch = 1;                   ///< pairs on the device at a time; more are split
-  int references = 1;              ///< keyframes held at a time, in slots 0 to references - 1
-  bool profile = false;            ///< keep the times of the device's stages: Session::stage_times()
+  DetectorOptions detector = {};  ///< of features that a session chooses
+  DepthSigma depth_sigma = {};    ///< of features without a sigma of their own; see Session::align()
+  int batch = 1;                  ///< pairs on the device at a time; more are split
+  int references = 1;             ///< keyframes held at a time, in slots 0 to references - 1
+  bool profile = false;           ///< keep the times of the device's stages: Session::stage_times()
 };
 
 /// The models in the order in which a session asks them; reads their files. Throws Error(invalid_argument) that names a bad

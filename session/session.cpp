@@ -199,7 +199,7 @@ void Session::count(const Cascade::Times& before) {
 }
 
 Answer Session::align(const ImageView& reference, const ImageView& depth, const ImageView& target, const Camera& camera,
-                          const std::optional<SE3>& T_10) {
+                      const std::optional<SE3>& T_10) {
   Reference made{reference, camera, detect_features(reference, depth, {}, options_.detector), {}};
   return align(made, target, T_10);
 }

@@ -46,7 +46,7 @@ class Session {
   /// which is the camera's. Throws Error(invalid_argument) for another size, NaN, a bad camera; Error(device_lost), ... What
   /// cannot be aligned is a status, never an exception.
   Answer align(const ImageView& reference, const ImageView& depth, const ImageView& target, const Camera& camera,
-                   const std::optional<SE3>& T_10 = {});
+               const std::optional<SE3>& T_10 = {});
   /// The same with features of the caller's. Those without a sigma get that of SessionOptions::depth_sigma.
   Answer align(const Reference& reference, const ImageView& target, const std::optional<SE3>& T_10 = {});
 

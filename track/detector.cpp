@@ -82,7 +82,7 @@ bool peak(const Map& texture, int u, int v) {
 /// Per cell of a lattice the corners with the most texture, round by round; those that `admit` says are edges come last. Places
 /// near `taken` stay free.
 template <class Admit>
-std::vector<Eigen::Vector2d> pick(const Map& grey, int count, const DetectorSettings& settings,
+std::vector<Eigen::Vector2d> pick(const Map& grey, int count, const CornerSettings& settings,
                                   std::vector<Eigen::Vector2d> taken, const Admit& admit) {
   const int w = grey.width, h = grey.height;
   const int border = std::max(ICLK_PATCH, std::min(settings.border, std::min(w, h) / 4));
@@ -138,7 +138,7 @@ bool seen(const ImageView& mask, int u, int v) {
 
 }  // namespace
 
-Features detect_features(const Map& grey, const ImageView& depth, const DepthNoise& noise, const DetectorSettings& settings) {
+Features detect_corners(const Map& grey, const ImageView& depth, const DepthNoise& noise, const CornerSettings& settings) {
   Features out;
   out.uv = pick(grey, settings.count, settings, {}, [&](int u, int v) -> std::optional<bool> {
     if (depth_at(depth, u, v) == 0) return {};
@@ -154,7 +154,7 @@ Features detect_features(const Map& grey, const ImageView& depth, const DepthNoi
 
 std::vector<Eigen::Vector2d> detect_seeds(const Map& grey, const ImageView& depth, const ImageView& mask,
                                           const std::vector<Eigen::Vector2d>& taken, int count,
-                                          const DetectorSettings& settings) {
+                                          const CornerSettings& settings) {
   return pick(grey, count, settings, taken, [&](int u, int v) -> std::optional<bool> {
     if ((!depth.empty() && depth_at(depth, u, v) > 0) || !seen(mask, u, v)) return {};
     return false;

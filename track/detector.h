@@ -17,7 +17,7 @@ struct DepthNoise {
   double sigma(double q) const { return constant + relative * q; }
 };
 
-struct DetectorSettings {
+struct CornerSettings {
   int count = 200;        ///< features at most
   int border = 16;        ///< px that stay free
   int distance = 8;       ///< px between two features
@@ -25,15 +25,14 @@ struct DetectorSettings {
   double spread = 0.05;   ///< of its depth, that a patch's depths may have; beyond it is a depth edge, and taken last
 };
 
-/// Features of a frame where its depth is known: per cell of a lattice the places with the most texture, round by round, until
-/// there are enough. `grey` is level 0; `depth` r32f of the same size, 0 or NaN where there is none. Each gets the sensor's
-/// sigma where `noise` says one.
-Features detect_features(const Map& grey, const ImageView& depth, const DepthNoise& noise, const DetectorSettings& settings);
+/// The tracker's own choice, beside detect_features() of iclk/session/detect.h: features of a frame where its depth is known:
+/// per cell of a lattice the places with the most texture, round by round, until there are enough. `grey` is level 0; `depth`
+/// r32f of the same size, 0 or NaN where there is none. Each gets the sensor's sigma where `noise` says one.
+Features detect_corners(const Map& grey, const ImageView& depth, const DepthNoise& noise, const CornerSettings& settings);
 
 /// As many more places with texture, in the same way, where no depth is known, away from those that are `taken`. `depth` and
 /// `mask` (r8, 0 where nothing is to be looked at) may be empty.
 std::vector<Eigen::Vector2d> detect_seeds(const Map& grey, const ImageView& depth, const ImageView& mask,
-                                          const std::vector<Eigen::Vector2d>& taken, int count,
-                                          const DetectorSettings& settings);
+                                          const std::vector<Eigen::Vector2d>& taken, int count, const CornerSettings& settings);
 
 }  // namespace iclk

@@ -96,7 +96,7 @@ void Tracker::Impl::set_reference(const Keyframe& k) {
 /// Whether a map could begin with it.
 bool Tracker::Impl::can_begin(const TrackFrame& frame) const {
   return !frame.depth.empty() &&
-         detect_features(grey_map(frame.image), frame.depth, options.depth_noise, options.detector).size() >=
+         detect_corners(grey_map(frame.image), frame.depth, options.depth_noise, options.detector).size() >=
              2 * options.min_inliers;
 }
 
@@ -105,7 +105,7 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   const auto start = Clock::now();
   const Map grey = grey_map(frame.image);
   Features features;
-  if (!frame.depth.empty()) features = detect_features(grey, frame.depth, options.depth_noise, options.detector);
+  if (!frame.depth.empty()) features = detect_corners(grey, frame.depth, options.depth_noise, options.detector);
   const int measured = features.size();
   if (measured < 2 * options.min_inliers && (options.seeds == 0 || keyframes.empty())) return false;
   std::vector<Neighbour> neighbours = neighbours_of(frame, T_WC, found);
@@ -266,8 +266,8 @@ TrackResult Tracker::track(const TrackFrame& given) {
   const bool few = a.inliers < kFewInliers * m.options.min_inliers || a.inliers < kFewOfVisible * a.visible;
   const bool coarse = m.disagree(k, a);
   const bool moved = seen.flow > kSomeFlow * m.camera.width;
-  const bool renew = frame.depth.empty() ? moved && few
-                                         : (moved && coarse) || (!k.with_depth && seen.flow > kLittleFlow * m.camera.width);
+  const bool renew =
+      frame.depth.empty() ? moved && few : (moved && coarse) || (!k.with_depth && seen.flow > kLittleFlow * m.camera.width);
   if (little || renew || !found->confirmed || seen.visible < m.options.min_visible ||
       seen.flow > m.options.max_flow * m.camera.width) {
     const double sharp = sharpness(grey_map(frame.image)), ratio = sharp / k.sharpness;

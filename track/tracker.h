@@ -33,7 +33,7 @@ enum class TrackStatus {
 const char* name(TrackStatus status);
 
 struct TrackerOptions {
-  DetectorSettings detector;
+  CornerSettings detector;
   DepthNoise depth_noise{.constant = 0.0016};  ///< of a structured light camera, 1 / m
   bool masks = false;                          ///< frames come with masks
   int keyframes = 32;                          ///< held at most, each in a slot of the aligner

@@ -10,7 +10,6 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/pose_text.h>
-#include <iclk/session/io/text.h>
 
 #include "apps/io/json.h"
 
@@ -50,6 +49,7 @@ struct Line {
   const Json& json;
   const std::string& where;
   const std::string& folder;
+  const FileReader& read;
 
   const Json* find(const char* key) const {
     const auto found = json.find(key);
@@ -91,7 +91,7 @@ struct Line {
     const bool numbers = pose.find_first_not_of("0123456789.,;+-eE \t\r\n[]") == std::string::npos;
     if (numbers) return parse_pose(pose, what);
     file = path(pose);
-    return load_pose(file, what);
+    return load_pose(file, what, read);
   }
 };
 
@@ -126,10 +126,14 @@ Manifest read_manifest(const std::string& path) {
   return manifest;
 }
 
-PairRequest parse_line(const Manifest& manifest, const ManifestLine& source) {
-  const std::string where = place(manifest, source);
-  const Json json = parse_object(source.text, where);
-  const Line line{json, where, manifest.folder};
+PairRequest parse_line(const Manifest& manifest, const ManifestLine& line) {
+  return parse_request(line.text, place(manifest, line), manifest.folder);
+}
+
+PairRequest parse_request(const std::string& text, const std::string& where, const std::string& folder,
+                          const FileReader& read) {
+  const Json json = parse_object(text, where);
+  const Line line{json, where, folder, read};
   for (const auto& [key, value] : json.items()) {
     if (std::find(kKeys.begin(), kKeys.end(), key) != kKeys.end()) continue;
     std::string known;

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 
 #include <iclk/align/se3.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/io/pair_files.h"
 
@@ -60,6 +61,9 @@ struct PairRequest {
 
 /// Throws Error(invalid_argument) "<manifest>:<line>: ..." that names the key.
 PairRequest parse_line(const Manifest& manifest, const ManifestLine& line);
+/// The same of one line's text. `where` opens the messages, relative paths begin at `folder`.
+PairRequest parse_request(const std::string& text, const std::string& where, const std::string& folder,
+                          const FileReader& read = read_file);
 
 /// "<manifest>:<line>", the opening of every message about a line.
 std::string place(const Manifest& manifest, const ManifestLine& line);

@@ -76,10 +76,9 @@ void run(BenchCommand& command, int& exit) {
     command.bench.check();
     const auto device = open_device(session.device);
     if (command.layers) {
-      if (!model)
-        throw Error(ErrorCode::invalid_argument, "--layers needs --model FILE: the classical mode has no encoder");
-      const LayerReport report = run_layers(device, *model, command.bench.width, command.bench.height,
-                                            model->levels(), command.bench.repetitions, terminal_progress());
+      if (!model) throw Error(ErrorCode::invalid_argument, "--layers needs --model FILE: the classical mode has no encoder");
+      const LayerReport report = run_layers(device, *model, command.bench.width, command.bench.height, model->levels(),
+                                            command.bench.repetitions, terminal_progress());
       print(command.json ? to_json(report).dump(2) + "\n" : to_table(report));
       exit = kConverged;
       return;

@@ -18,8 +18,10 @@ void RunOptions::add_to(CLI::App& command) {
                   "host: sums on the device, 6x6 system on the host; device: everything on the device; cpu: no Vulkan")
       ->capture_default_str()
       ->check(CLI::IsMember({"host", "device", "cpu"}));
-  command.add_option("--device", chosen.device,
-                     "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
+  command.add_option(
+      "--device", chosen.device,
+      "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best. cpu: none, "
+      "as --solver cpu");
   command
       .add_option("--model", chosen.model,
                   "A learned model, file or name (`iclk model info`): its encoder and its weights; classical: the grey "
@@ -61,7 +63,8 @@ void RunOptions::add_to(CLI::App& command) {
                   "first guess is given")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "on", "off", "rotations"}));
-  command.add_option("--search-grid", chosen.start_search.grid, "Pans and tilts to try, so many each; odd")->capture_default_str();
+  command.add_option("--search-grid", chosen.start_search.grid, "Pans and tilts to try, so many each; odd")
+      ->capture_default_str();
   command.add_option(
       "--search-rotation", search_rotation,
       "Largest pan and tilt, degrees; default: as the grid reaches with steps of 3.4 pixels of the coarsest level");
@@ -69,10 +72,12 @@ void RunOptions::add_to(CLI::App& command) {
   command.add_flag_function(
       "--photometric,!--no-photometric", [this](std::int64_t count) { chosen.photometric = count > 0; },
       "Estimate the pair's exposure (gain and bias), or do not; default: do, but not with a model");
-  command.add_flag("--dense", chosen.dense, "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
+  command.add_flag("--dense", chosen.dense,
+                   "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
   command.add_flag_callback(
       "--no-refine", [this] { chosen.refine = false; }, "Stop after ICLK: no feature alignment, no pose refinement");
-  command.add_option("--refine-rounds", chosen.refiner.rounds, "Rounds of feature alignment and pose, at most")->capture_default_str();
+  command.add_option("--refine-rounds", chosen.refiner.rounds, "Rounds of feature alignment and pose, at most")
+      ->capture_default_str();
   command.add_flag_callback(
       "--no-recolour", [this] { chosen.refiner.feature_alignment.recolour = false; },
       "Refine on the luma of a target whose colours are not the reference's, not on the grey values that fit the reference");

@@ -10,8 +10,8 @@
 #include <opencv2/rgbd.hpp>
 #include <opencv2/video/tracking.hpp>
 
-#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
+#include "apps/io/undistorter.h"
 
 namespace iclk {
 namespace {

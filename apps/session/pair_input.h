@@ -12,9 +12,9 @@
 #include <iclk/session/detect.h>
 #include <iclk/session/io/camera_file.h>
 
-#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
 #include "apps/io/pair_files.h"
+#include "apps/io/undistorter.h"
 
 namespace iclk {
 

@@ -10,9 +10,9 @@
 #include <iclk/session/io/pose_text.h>
 
 #include "apps/common/angles.h"
-#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
+#include "apps/io/undistorter.h"
 #include "apps/sets/pair_set.h"
 
 namespace iclk {

@@ -19,8 +19,8 @@
 #include <iclk/session/device.h>
 
 #include "apps/common/angles.h"
-#include "apps/io/undistorter.h"
 #include "apps/io/images.h"
+#include "apps/io/undistorter.h"
 #include "apps/render/procedural.h"
 #include "apps/render/renderer.h"
 

@@ -9,8 +9,8 @@
 #include <iclk/session/io/camera_file.h>
 #include <iclk/track/tracker.h>
 
-#include "apps/io/undistorter.h"
 #include "apps/io/sequence.h"
+#include "apps/io/undistorter.h"
 #include "apps/io/video.h"
 #include "apps/track/stereo_depth.h"
 

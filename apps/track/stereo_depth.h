@@ -3,8 +3,8 @@
 
 #include <opencv2/calib3d.hpp>
 
-#include "apps/io/undistorter.h"
 #include "apps/io/stereo_file.h"
+#include "apps/io/undistorter.h"
 
 namespace iclk {
 

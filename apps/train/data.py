@@ -18,7 +18,7 @@ from poses import pose
 from recipe import InputError
 from reference import PATCH
 
-DEPTH_SPREAD = 0.05  # of a feature's patch, apps/session/detect.cpp: one depth must hold for it
+DEPTH_SPREAD = 0.05  # of a feature's patch, session/detect.cpp: one depth must hold for it
 KEYS = {'id', 'reference', 'target', 'depth', 'features', 'depth_scale', 'camera', 'distortion', 'initial_pose', 'truth',
         'meta'}
 SIDES = (appearance.REFERENCE, appearance.TARGET)

@@ -23,8 +23,8 @@ class Iclk(ConanFile):
 
     def export_sources(self):
         root = os.path.join(self.recipe_folder, "..", "..")
-        for room in ("CMakeLists.txt", "LICENSE", "cmake", "engine", "align", "depth", "refine", "rig", "session", "track", "shaders",
-                     "models"):
+        rooms = ("engine", "align", "depth", "refine", "session", "rig", "track", "shaders")
+        for room in ("CMakeLists.txt", "LICENSE", "cmake", "models", *rooms):
             pattern = room if os.path.isfile(os.path.join(root, room)) else f"{room}/*"
             copy(self, pattern, root, self.export_sources_folder)
 

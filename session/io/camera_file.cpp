@@ -5,7 +5,6 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/distortion.h>
-#include <iclk/session/io/text.h>
 #include <iclk/session/io/yaml.h>
 
 namespace iclk {
@@ -123,12 +122,12 @@ void check_intrinsics(const CameraFile& file) {
   }
 }
 
-CameraFile load_file(const std::string& path) {
+CameraFile load_file(const std::string& path, const FileReader& read) {
   CameraFile file;
   file.source = "camera " + path;
   std::string text;
   try {
-    text = read_file(path, size_t{1} << 20);
+    text = read(path, size_t{1} << 20);
   } catch (const Error& e) {
     throw Error(e.code(), std::string(e.what()) + "; a camera is fx,fy,cx,cy[,width,height] or a file");
   }
@@ -155,7 +154,7 @@ CameraFile load_file(const std::string& path) {
 
 }  // namespace
 
-CameraFile load_camera(const std::string& text_or_path) {
+CameraFile load_camera(const std::string& text_or_path, const FileReader& read) {
   // A list of numbers is never looked up as a file, so that a typing error in it is reported as one.
   const std::string text(trim(text_or_path));
   CameraFile file;
@@ -167,7 +166,7 @@ CameraFile load_camera(const std::string& text_or_path) {
       fail(file.source, "fx,fy,cx,cy[,width,height] expected, found " + std::to_string(k.size()) + " numbers");
     set_intrinsics(file, k);
   } else {
-    file = load_file(text);
+    file = load_file(text, read);
   }
   check_intrinsics(file);
   return file;

@@ -4,6 +4,7 @@
 
 #include <iclk/align/camera.h>
 #include <iclk/align/lens.h>
+#include <iclk/session/io/text.h>
 
 namespace iclk {
 
@@ -18,7 +19,7 @@ struct CameraFile {
 /// "fx,fy,cx,cy[,width,height]", or the path of a file: a camera.txt line "fx fy cx cy width height [depth_scale]", a Kalibr
 /// camchain (its first camera) or EuRoC sensor.yaml, or an OpenCV / ROS camera YAML.
 /// Throws Error(io) for an unreadable file, Error(invalid_argument) that names file and key otherwise.
-CameraFile load_camera(const std::string& text_or_path);
+CameraFile load_camera(const std::string& text_or_path, const FileReader& read = read_file);
 
 class Yaml;
 /// A camera of a YAML file with Kalibr's or EuRoC's keys, each behind `prefix` ("cam1."; EuRoC: ""), or of an OpenCV matrix and

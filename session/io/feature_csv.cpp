@@ -16,18 +16,19 @@ struct Columns {
 
 }  // namespace
 
-Features load_features(const std::string& path) {
-  const std::string text = read_file(path, size_t{256} << 20);
+Features load_features(const std::string& path) { return parse_features(read_file(path, size_t{256} << 20), path); }
+
+Features parse_features(std::string_view text, const std::string& name) {
   Features features;
   Columns columns;
   int number = 0;
   const auto fail = [&](const std::string& why) -> void {
-    throw Error(ErrorCode::invalid_argument, path + ":" + std::to_string(number) + ": " + why);
+    throw Error(ErrorCode::invalid_argument, name + ":" + std::to_string(number) + ": " + why);
   };
   const auto read_header = [&](const std::vector<std::string>& cells) {
     columns.count = cells.size();
-    const auto find = [&](const char* name) {
-      const auto it = std::find(cells.begin(), cells.end(), name);
+    const auto find = [&](const char* column) {
+      const auto it = std::find(cells.begin(), cells.end(), column);
       return it == cells.end() ? -1 : static_cast<int>(it - cells.begin());
     };
     columns = {find("u"), find("v"), find("depth"), find("inverse_depth"), find("sigma"), cells.size()};

@@ -8,7 +8,6 @@
 #include <Eigen/Geometry>
 
 #include <iclk/engine/error.h>
-#include <iclk/session/io/text.h>
 
 namespace iclk {
 namespace {
@@ -44,10 +43,10 @@ SE3 parse_pose(std::string_view text, const std::string& what) {
   }
 }
 
-SE3 load_pose(const std::string& text_or_path, const std::string& what) {
+SE3 load_pose(const std::string& text_or_path, const std::string& what, const FileReader& read) {
   const bool inline_numbers = text_or_path.find_first_not_of("0123456789.,;+-eE \t\r\n[]") == std::string::npos;
   if (inline_numbers && split_words(text_or_path, " \t\r\n,;[]").size() > 1) return parse_pose(text_or_path, what);
-  return parse_pose(read_file(text_or_path, size_t{1} << 20), what + " " + text_or_path);
+  return parse_pose(read(text_or_path, size_t{1} << 20), what + " " + text_or_path);
 }
 
 std::string tum_line(const SE3& T) {

@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <iclk/align/se3.h>
+#include <iclk/session/io/text.h>
 
 namespace iclk {
 
@@ -11,7 +12,7 @@ namespace iclk {
 /// by blanks, commas, semicolons or brackets (so `T_10` of our JSON can be pasted). Throws Error(invalid_argument) that begins
 /// with `what`: not a number, another count, not finite, not a rotation.
 SE3 parse_pose(std::string_view text, const std::string& what);
-SE3 load_pose(const std::string& text_or_path, const std::string& what);
+SE3 load_pose(const std::string& text_or_path, const std::string& what, const FileReader& read = read_file);
 
 /// Throws Error(invalid_argument) unless finite and of norm 1 within 1e-2 (TUM files carry four digits).
 SE3 pose_from_tum(const double* tx_ty_tz_qx_qy_qz_qw, const std::string& what);

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstddef>
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <string_view>
@@ -12,6 +13,9 @@ namespace iclk {
 /// The whole file as bytes. A pipe is read until its writer closes it. Throws Error(io) that names the path: missing, a folder,
 /// not readable, longer than max_bytes, a pipe that gives nothing for 5 s.
 std::string read_file(const std::string& path, size_t max_bytes = size_t{1} << 30);
+
+/// What reads the files that a text names: read_file(), or a caller's own, which throws as it likes.
+using FileReader = std::function<std::string(const std::string& path, size_t max_bytes)>;
 
 /// A word as it may be shown in a message: short and printable, whatever a hostile file holds.
 std::string printable(std::string_view word);

@@ -1,4 +1,4 @@
-// The ray of a pixel behind a lens, as apps/render/lens.cpp has it in double precision. Needs LENS and RenderPush push.
+// The ray of a pixel behind a lens, as align/lens.cpp has it in double precision. Needs LENS and RenderPush push.
 // radtan and equidistant share the radial polynomial f(r) = r (1 + k0 r^2 + k1 r^4 + k2 r^6 + k3 r^8), of a radius or an angle.
 const int LENS_RADIAL_ITERATIONS = 10, LENS_ITERATIONS = 5;
 const float LENS_EXACT = 2e-6;  // of focal length 1

@@ -41,8 +41,10 @@ TEST(Example, GivesTheBitsOfTheCommand) {
   cv::imwrite(depth, cv::imread(pair.depth, cv::IMREAD_UNCHANGED));
   for (const std::string device : {"", "cpu"}) {
     std::vector<std::string> words = {a, b, depth, "5000", "517.3", "516.5", "318.6", "255.3"},
-                             line = {"align", pair.reference, pair.target, "--depth", pair.depth, "--depth-scale", "5000",
-                                     "--camera", "517.3,516.5,318.6,255.3", "--json"};
+                             line = {"align",   pair.reference, pair.target,
+                                     "--depth", pair.depth,     "--depth-scale",
+                                     "5000",    "--camera",     "517.3,516.5,318.6,255.3",
+                                     "--json"};
     if (!device.empty()) words.push_back(device), line.insert(line.end(), {"--device", device});
     const auto command = test::run(line, [] { setenv("ICLK_MODEL", "auto", 1); });
     if (command.code == 5) continue;  // no Vulkan device here

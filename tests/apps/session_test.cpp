@@ -128,10 +128,8 @@ TEST(Session, EverySolverGivesThePose) {
 }
 
 TEST(Session, ADeviceThatIsNotThereIsNamed) {
-  SessionOptions options;
-  options.device = "No Such Device";
   try {
-    Session session(options);
+    Session session({.model = "classical", .device = "No Such Device"});
     ADD_FAILURE() << "no error";
   } catch (const Error& e) {
     EXPECT_TRUE(e.code() == ErrorCode::no_device || e.code() == ErrorCode::no_driver) << e.what();

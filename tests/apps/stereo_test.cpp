@@ -4,8 +4,8 @@
 #include <functional>
 #include <sstream>
 
-#include <nlohmann/json.hpp>
 #include <Eigen/LU>
+#include <nlohmann/json.hpp>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>

@@ -11,8 +11,8 @@ foreach(file ${installed})
   endif()
 endforeach()
 foreach(wanted ${in_rooms} include/iclk/engine/error.h include/iclk/align/aligner.h include/iclk/refine/device_refiner.h
-    include/iclk/depth/depth_sweep.h include/iclk/rig/rig.h include/iclk/track/tracker.h
-    include/iclk/shaders/shared.h)
+    include/iclk/depth/depth_sweep.h include/iclk/iclk.h include/iclk/session/session.h include/iclk/rig/rig.h
+    include/iclk/track/tracker.h include/iclk/shaders/shared.h)
   if(NOT wanted IN_LIST installed)
     message(FATAL_ERROR "${wanted} was not installed")
   endif()

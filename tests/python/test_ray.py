@@ -17,7 +17,7 @@ from iclk.ray.__main__ import parser
 from conftest import make_scene
 from test_parity import save
 
-MISSING = [name for name in ("ray", "cv2", "pyarrow", "yaml") if find_spec(name) is None]
+MISSING = [name for name in ("ray", "cv2", "pyarrow") if find_spec(name) is None]
 if not MISSING:
     import cv2
     import pyarrow as pa

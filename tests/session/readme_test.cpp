@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <string>
 
@@ -21,7 +22,7 @@ std::pair<Answer, RefinedAlignment> align_twice(const ImageView& view0, const Im
   iclk::Answer answer = iclk::align(view0, depth0, view1, camera);  // one pair: all that `iclk align` does
   if (!answer.converged()) std::puts(answer.reason.c_str());        // else T_10, its covariance, positions of features
 
-  iclk::Session session({.model = "auto", .references = 16});       // stays warm: the device, models, memory
+  iclk::Session session({.model = "auto", .references = 16});  // stays warm: the device, models, memory
   session.set_reference(0, {.image = view0, .camera = camera, .features = answer.reference_features});
   iclk::RefinedAlignment next = session.align(iclk::Pair{.reference = 0, .target = view1});  // any number of targets
   // end
@@ -30,6 +31,7 @@ std::pair<Answer, RefinedAlignment> align_twice(const ImageView& view0, const Im
 
 TEST(Readme, CodeWorks) {
   ICLK_NEED_DEVICE();
+  setenv("ICLK_MODELS", ICLK_SOURCE_DIR "/models", 1);  // of the tree: nothing is installed here
   Relief scene;
   scene.T_10.t.x() = 0.05;
   const Frame image0 = render(scene, 0), image1 = render(scene, 1);

@@ -42,7 +42,8 @@ struct Views {
 std::vector<uint8_t> bytes_of(const Frame& frame, int channels) {
   std::vector<uint8_t> bytes;
   for (const float I : frame.data)
-    bytes.insert(bytes.end(), static_cast<size_t>(channels), static_cast<uint8_t>(std::lround(255 * std::clamp(I, 0.0f, 1.0f))));
+    bytes.insert(bytes.end(), static_cast<size_t>(channels),
+                 static_cast<uint8_t>(std::lround(255 * std::clamp(I, 0.0f, 1.0f))));
   return bytes;
 }
 

@@ -14,8 +14,8 @@ struct Seen {
   Relief scene;
   Frame image = render(scene, 0);
   std::vector<float> depth = std::vector<float>(160 * 120, 4.0f);
-  Features detect(DetectorSettings settings = {.count = 60}, const DepthNoise& noise = {}) const {
-    return detect_features(grey_map(image.view()), {depth.data(), 160, 120, 0, PixelFormat::r32f}, noise, settings);
+  Features detect(CornerSettings settings = {.count = 60}, const DepthNoise& noise = {}) const {
+    return detect_corners(grey_map(image.view()), {depth.data(), 160, 120, 0, PixelFormat::r32f}, noise, settings);
   }
 };
 
@@ -62,7 +62,7 @@ TEST(Detector, FlatImagesAndBadOnesHaveNone) {
   std::fill(seen.image.data.begin(), seen.image.data.end(), std::numeric_limits<float>::quiet_NaN());
   EXPECT_EQ(seen.detect().size(), 0);
   const std::vector<float> tiny(100, 1.0f);
-  EXPECT_EQ(detect_features(Map(10, 10), {tiny.data(), 10, 10, 0, PixelFormat::r32f}, {}, {}).size(), 0);
+  EXPECT_EQ(detect_corners(Map(10, 10), {tiny.data(), 10, 10, 0, PixelFormat::r32f}, {}, {}).size(), 0);
 }
 
 }  // namespace

@@ -153,7 +153,6 @@ def main(arguments: list[str] | None = None) -> int:
         import cv2  # noqa: F401
         import pyarrow  # noqa: F401
         import ray  # noqa: F401
-        import yaml  # noqa: F401
     except ImportError as e:
         print(MISSING.format(e.name), file=sys.stderr)
         return 2

@@ -47,7 +47,7 @@ class Loader:
 
     def __init__(self, settings: Settings) -> None:
         self._settings = settings
-        self._sigma = _features.parse_depth_sigma(settings.depth_sigma)
+        _features.say_sigma(settings.depth_sigma, 1, _features.Features(np.zeros((0, 2)), np.zeros(0), np.zeros(0)))
         self._distortion = parse_distortion(settings.distortion) if settings.distortion else None
         self._cameras: dict[str, Camera] = {}
         self._undistorters: dict[Any, Undistorter] = {}
@@ -107,7 +107,7 @@ class Loader:
             _require_size(depth, name_of(request.depth, "depth"), image_0, name)
         if request.features is not None:
             features = _features.load_features(request.features, "features")
-        undistorter = None if distortion.model == "none" else self._undistorter(camera, distortion)
+        undistorter = None if distortion[0] == "none" else self._undistorter(camera, distortion)
         seen_0 = self._seen(request.reference_mask, "reference_mask", image_0, name, undistorter)
         mask = self._seen(request.target_mask, "target_mask", image_1, name_of(request.target, "target"), undistorter)
         if undistorter:
@@ -121,7 +121,7 @@ class Loader:
         if features is None:
             assert depth is not None  # request_of() has seen to it
             features = _features.detect(reference, depth, seen_0, settings.detector, settings.count)
-        self._sigma.apply(camera.fx, features)
+        _features.say_sigma(settings.depth_sigma, camera.fx, features)
         return Pair(reference, _images.rgb(image_1), mask, camera, features, request.T_10)
 
     @staticmethod

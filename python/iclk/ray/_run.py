@@ -19,7 +19,6 @@ import ray
 import iclk
 from iclk import Error
 
-from ._manifest import BadPair
 from ._settings import Settings
 from ._shards import Output, ShardWorker, read_manifest
 
@@ -34,8 +33,6 @@ class CheckedWorker(ShardWorker):
             super().__init__(*arguments)
         except Error as e:
             raise RuntimeError(f"[iclk {e.code}] {e}") from None
-        except BadPair as e:
-            raise RuntimeError(f"[iclk invalid_argument] {e}") from None
         except TypeError as e:
             raise RuntimeError(f"[iclk invalid_argument] {e}") from None
         except OSError as e:

@@ -21,9 +21,10 @@ import pyarrow as pa
 
 import iclk
 from iclk import _core
+from iclk._errors import InvalidArgument
 from iclk._models import folders
 
-from ._manifest import BadPair, Request, request_of
+from ._manifest import Request, request_of
 from ._settings import Settings
 
 _OURS = ("device_lost", "out_of_memory", "vulkan", "no_driver", "no_device")  # codes of a machine's failures
@@ -199,7 +200,7 @@ class PairWorker:
             try:
                 request = request_of(item.row, item.folder)
                 return request, self._loader.load(request)
-            except BadPair as e:
+            except InvalidArgument as e:
                 return request, str(e)
             except OSError as e:
                 why = f"cannot read {e.filename}: {e.strerror}"

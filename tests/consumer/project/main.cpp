@@ -4,6 +4,9 @@
 
 #include <iclk/align/aligner.h>
 #include <iclk/engine/error.h>
+#ifdef WITH_SESSION
+#include <iclk/iclk.h>
+#endif
 
 // Aligns a synthetic image to itself shifted by two pixels: a plane 1 m away, so the camera moved by 2 / 80 m.
 int main() try {
@@ -31,6 +34,11 @@ int main() try {
   auto aligner = iclk::make_cpu_aligner({.width = size, .height = size}, {.levels = 2});
   aligner->set_reference(0, reference);
   const iclk::Alignment result = aligner->align({.target = view(image1)});
+#ifdef WITH_SESSION
+  const iclk::SessionOptions options{
+      .model = "classical", .solver = iclk::Solver::cpu, .search = iclk::SearchMode::off, .levels = 2, .refine = false};
+  if (iclk::align(reference, view(image1), options).T_10.matrix() != result.T_10.matrix()) return 3;
+#endif
   std::printf("%s: %s, t = %.4f %.4f %.4f m\n", iclk::name(result.status), result.reason.c_str(), result.T_10.t.x(),
               result.T_10.t.y(), result.T_10.t.z());
   return result.converged() && std::abs(result.T_10.t.x() - 2.0 / 80) < 2e-3 ? 0 : 1;
