@@ -1,5 +1,5 @@
-// The code of README.md, compiled and run, here or by the embedding example. Lines between "// README" and "// end" stand there
-// word for word.
+// The code of README.md and docs/embedding.md, compiled and run, here or by the embedding example. Lines between "// README"
+// and "// end" stand there word for word.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -55,21 +55,48 @@ std::vector<std::string> lines_of(const std::string& path) {
 }
 
 TEST(Readme, CodeIsWhatIsCompiled) {
-  const auto readme = lines_of(ICLK_SOURCE_DIR "/README.md");
-  int blocks = 0;
+  const std::vector<std::string> names = {"/README.md", "/docs/embedding.md"};
+  std::vector<std::vector<std::string>> pages;
+  std::vector<std::vector<bool>> compiled;
+  for (const std::string& name : names) {
+    pages.push_back(lines_of(ICLK_SOURCE_DIR + name));
+    compiled.emplace_back(pages.back().size());
+  }
+  int blocks = 0, shown = 0;  // each on one page at least
   for (const char* file : {"/tests/session/readme_test.cpp", "/apps/embed/run.cpp"}) {
     const auto code = lines_of(std::string(ICLK_SOURCE_DIR) + file);
-    auto after = readme.begin();  // blocks of a file come in its order
+    std::vector<size_t> after(pages.size());  // blocks of a file come in its order
     for (size_t i = 0; i < code.size(); ++i) {
       if (code[i] != "// README") continue;
       const auto first = code.begin() + static_cast<ptrdiff_t>(i) + 1, last = std::find(first, code.end(), "// end");
-      const auto found = std::search(after, readme.end(), first, last);
-      EXPECT_NE(found, readme.end()) << "README.md lacks what begins, in " << file << ": " << *first;
-      if (found != readme.end()) after = found + (last - first);
+      bool found = false;
+      for (size_t p = 0; p < pages.size(); ++p) {
+        const auto begin = pages[p].begin();
+        const auto at = std::search(begin + static_cast<ptrdiff_t>(after[p]), pages[p].end(), first, last);
+        if (at == pages[p].end()) continue;
+        after[p] = static_cast<size_t>(at - begin + (last - first));
+        std::fill(compiled[p].begin() + (at - begin), compiled[p].begin() + static_cast<ptrdiff_t>(after[p]), true);
+        found = true;
+        ++shown;
+      }
+      EXPECT_TRUE(found) << "README.md and docs/embedding.md lack what begins, in " << file << ": " << *first;
       ++blocks;
     }
   }
   EXPECT_EQ(blocks, 4);
+  EXPECT_EQ(shown, 5);  // README.md has one of the embedding example's three, docs/embedding.md all
+
+  for (size_t p = 0; p < pages.size(); ++p) {
+    bool cpp = false;
+    for (size_t i = 0; i < pages[p].size(); ++i) {
+      const std::string& line = pages[p][i];
+      if (line.starts_with("```")) {
+        cpp = line == "```cpp";
+        continue;
+      }
+      EXPECT_TRUE(!cpp || line.empty() || compiled[p][i]) << names[p] << ":" << i + 1 << " is not compiled: " << line;
+    }
+  }
 }
 
 }  // namespace
