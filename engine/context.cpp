@@ -158,7 +158,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   if (options.longest_submission) c.longest_submission_ = *options.longest_submission;
   if (!options.subgroups) c.info_.subgroup_operations = 0;
   c.matrices_ = matrices;
-  make_pipeline_cache(c, options.pipeline_cache);
+  make_pipeline_cache(c, options.pipeline_cache ? options.pipeline_cache(c.info_) : std::vector<uint8_t>());
   if (instance->validation())
     c.set_name_ = reinterpret_cast<PFN_vkSetDebugUtilsObjectNameEXT>(
         instance->get_instance_proc_addr()(c.instance_, "vkSetDebugUtilsObjectNameEXT"));

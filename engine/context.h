@@ -25,9 +25,10 @@ struct ContextOptions {
   bool storage_reads = false;  ///< read storage buffers in place of texel buffers, though these are large enough
   /// s: the most that one submission may take (Context::longest_submission()).
   std::optional<double> longest_submission;
-  /// Context::pipeline_cache_data() of an earlier run, so that pipelines need not be compiled again. Of another device or
-  /// driver, or no cache at all: ignored. The driver reads it: take it from where you put it and nobody else writes.
-  std::vector<uint8_t> pipeline_cache;
+  /// Asked once, when the device is chosen, for Context::pipeline_cache_data() of an earlier run on it, so that pipelines need
+  /// not be compiled again. Of another device or driver, or no cache at all: ignored. The driver reads it: take it from where
+  /// you put it and nobody else writes.
+  std::function<std::vector<uint8_t>(const DeviceInfo&)> pipeline_cache;
   /// false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0), nor cooperative matrices
   bool subgroups = true;
 };

@@ -197,7 +197,8 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   out += "reference  " + pair.name_0 + "\n" + "target     " + pair.name_1 + "\n";
   out += format("camera     %dx%d, fx %.2f fy %.2f cx %.2f cy %.2f\n", c.width, c.height, c.fx, c.fy, c.cx, c.cy);
   out += "model      " + printable(model_line(result)) + "\n";
-  out += "device     " + session.device_name() + "\n\n";
+  out += "device     " + session.device_name() + "\n";
+  out += format("set-up     %.0f ms: kernels and memory, once for all pairs\n\n", session.times().setup);
   const auto row = [&](const std::string& stage, const PoseError* e, double cost, double ms) {
     out += format("%-18s", stage.c_str());
     if (e != nullptr) {

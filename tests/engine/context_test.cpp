@@ -82,21 +82,24 @@ TEST(Context, HundredOneAfterAnother) {
 TEST(Context, PipelineCacheOutlivesTheContext) {
   ICLK_NEED_DEVICE();
   ContextOptions options = watched_options();
+  std::vector<uint8_t> kept, given;
   {
     const auto context = create_context(options);
     scale_kernel(context, 8);
-    options.pipeline_cache = context->pipeline_cache_data();
+    kept = given = context->pipeline_cache_data();
   }
-  const std::vector<uint8_t> kept = options.pipeline_cache;
   ASSERT_GE(kept.size(), 32u);
+  std::string asked;
+  options.pipeline_cache = [&](const DeviceInfo& info) { return asked = info.name, given; };
   scale_kernel(create_context(options), 8);
+  EXPECT_EQ(asked, device()->info().name);
   // What is no cache of this device's is not shown to the driver: validation and the driver would complain.
   for (const size_t changed : {0u, 4u, 8u, 12u, 16u, 31u}) {
-    options.pipeline_cache = kept;
-    options.pipeline_cache[changed] ^= 0xff;
+    given = kept;
+    given[changed] ^= 0xff;
     scale_kernel(create_context(options), 8);
   }
-  options.pipeline_cache = {1, 2, 3};
+  given = {1, 2, 3};
   scale_kernel(create_context(options), 8);
 }
 

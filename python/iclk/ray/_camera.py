@@ -23,7 +23,10 @@ def parse_distortion(text: str) -> Distortion:
 
 
 def load_camera(text: str) -> Camera:
-    """`fx,fy,cx,cy[,width,height]`, or a file: camera.txt, Kalibr, EuRoC, OpenCV or ROS YAML. Raises InvalidArgument, OSError."""
+    """`fx,fy,cx,cy[,width,height]`, or a file: camera.txt, Kalibr, EuRoC, OpenCV or ROS YAML.
+
+    Raises InvalidArgument, OSError.
+    """
     return _core.load_camera(text, read)
 
 
