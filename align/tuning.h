@@ -58,7 +58,8 @@ std::string tuning_key(const engine::Context& context);
 std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels,
                                       Precision precision = Precision::fp32);
 
-/// What a layer of an image costs in each variant, seconds: of processor time on a device that is a CPU, else of wall time.
+/// What a layer of an image costs in each variant, seconds: of processor time on a device that is a CPU, else by the clock of
+/// the device, or where it has none the wall's.
 struct LayerTimes {
   struct Way {
     ConvVariant variant;

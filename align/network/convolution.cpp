@@ -163,7 +163,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
 // Tall tiles have the fewest fetches; small images have too few of them to keep a GPU busy, and what shares a chip with a CPU
 // has fewer registers. By one image, so that the bits do not depend on how many there are.
 uint32_t ConvKernels::direct_rows(const ConvStep& step) const {
-  constexpr uint64_t kBusy = 32768;
+  constexpr uint64_t kBusy = 16384;
   if (type_ == engine::DeviceType::cpu) return ICLK_CONV_ROWS;
   const uint64_t columns = static_cast<uint64_t>(step.out.width) * engine::groups_for(step.out.channels, kBlock);
   uint32_t rows = type_ == engine::DeviceType::discrete ? ICLK_CONV_MOST_ROWS : ICLK_CONV_ROWS;

@@ -18,7 +18,8 @@ struct TuningWish {
 };
 
 struct TuningReport {
-  /// Seconds of the layers of an image, each once: of processor time where the device is a CPU, else of wall time.
+  /// Seconds of the layers of an image, each once: of processor time where the device is a CPU, else of the device's, or the
+  /// wall's where it has no clock.
   struct Encoder {
     std::string model;
     int width = 0, height = 0;

@@ -21,7 +21,8 @@ LayerReport run_layers(const std::shared_ptr<engine::Context>& context, const Mo
   report.width = width;
   report.height = height;
   report.repetitions = repetitions;
-  report.processor_time = context->info().type == engine::DeviceType::cpu;
+  const bool cpu = context->info().type == engine::DeviceType::cpu;
+  report.clock = cpu ? "processor" : context->timestamp_valid_bits() > 0 ? "device" : "wall";
   auto shapes = encoder_shapes(model, width, height, levels);
   std::stable_sort(shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.width > b.width; });
   report.layers = time_layers(context, shapes, repetitions, [&](int layer, int layers) { progress("layers", layer, layers); });
@@ -50,15 +51,14 @@ Json to_json(const LayerReport& report) {
           {"model", report.model},
           {"images", {{"width", report.width}, {"height", report.height}}},
           {"repetitions", report.repetitions},
-          {"time", report.processor_time ? "processor" : "wall"},
+          {"time", report.clock},
           {"layers", layers}};
 }
 
 std::string to_table(const LayerReport& report) {
   std::string out = to_line(report.machine);
-  out += formatted("%s, %dx%d; ms of %s an image, the least of %d in turns; GFLOP/s of the fastest, counted as direct\n\n",
-                   report.model.c_str(), report.width, report.height, report.processor_time ? "processor time" : "wall time",
-                   report.repetitions);
+  out += formatted("%s, %dx%d; ms of %s time an image, the least of %d in turns; GFLOP/s of the fastest, counted as direct\n\n",
+                   report.model.c_str(), report.width, report.height, report.clock.c_str(), report.repetitions);
   if (report.layers.empty()) return out;
   out += "layer                              ";
   for (ConvVariant variant : kConvVariants) out += formatted(" %11s", name(variant));
@@ -72,14 +72,14 @@ std::string to_table(const LayerReport& report) {
         formatted("%3d -> %3d, dilation %d, %dx%d%s", s.in, s.out, s.dilation, s.width, s.height, s.last ? " *" : "").c_str());
     for (ConvVariant variant : kConvVariants) {
       const LayerTimes::Way* way = layer.way(variant);
-      out += way ? formatted(" %11.2f", 1e3 * way->least) : formatted(" %11s", "-");
+      out += way ? formatted(" %11.3f", 1e3 * way->least) : formatted(" %11s", "-");
     }
     out += formatted("  %7.1f  %s\n", gflop(s) / best.least, name(best.variant));
     sum += best.least;
     work += gflop(s);
   }
   out += formatted("\nthe fastest of each: %.2f ms, %.1f GFLOP/s%s\n", 1e3 * sum, work / sum,
-                   report.processor_time ? " a core" : "");
+                   report.clock == "processor" ? " a core" : "");
   std::map<ConvVariant, std::string> dropped;
   for (const LayerTimes& layer : report.layers)
     for (const LayerTimes::Dropped& one : layer.dropped) dropped.try_emplace(one.variant, one.why);

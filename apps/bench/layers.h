@@ -14,7 +14,7 @@ struct LayerReport {
   Machine machine;
   std::string model;
   int width = 0, height = 0, repetitions = 0;
-  bool processor_time = false;     ///< of a device that is a CPU; else wall time
+  std::string clock;               ///< "processor" of a device that is a CPU, "device" of one that has a clock, else "wall"
   std::vector<LayerTimes> layers;  ///< each shape once, finest level first
 };
 

@@ -289,7 +289,8 @@ VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL iclk_test_layer_get_instance(VkInstance
   if (std::strcmp(name, "vkGetDeviceProcAddr") == 0) return reinterpret_cast<PFN_vkVoidFunction>(iclk_test_layer_get_device);
   const auto& hooks = iclk::test::instance_hooks();
   const auto found = hooks.find(name);
-  if (!instance) return found != hooks.end() ? found->second : nullptr;
+  // Of the layer that it calls first the loader asks vkCreateInstance with an instance that is not made yet.
+  if (!instance || std::strcmp(name, "vkCreateInstance") == 0) return found != hooks.end() ? found->second : nullptr;
   const PFN_vkVoidFunction below = iclk::test::layer().instances.of(instance)->get(instance, name);
   return below && found != hooks.end() ? found->second : below;
 }
