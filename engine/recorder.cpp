@@ -61,14 +61,14 @@ void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buf
                                             context_.info().name + " takes at most " + std::to_string(most[0]) + " x " +
                                             std::to_string(most[1]) + " x " + std::to_string(most[2]));
   const VkDescriptorSet set = arena_.set(kernel, buffers);
-  if (compile_only_) return dispatch_groups(kernel, set, push, {0, 0, 0}, {0, 0, 0});
-  if (groups.x == 0 || groups.y == 0 || groups.z == 0) return;
+  if (!compile_only_ && (groups.x == 0 || groups.y == 0 || groups.z == 0)) return;
 
   uses_.clear();
   for (size_t i = 0; i < buffers.size(); ++i)
     if (kernel.bindings()[i] != BindingKind::sampled_image)
       uses_.push_back({id(buffers[i]->handle), writes(kernel.bindings()[i])});
   require(Stage::compute, uses_);
+  if (compile_only_) return dispatch_groups(kernel, set, push, {0, 0, 0}, {0, 0, 0});
   ++dispatches_;
   if (!submission_) return dispatch_groups(kernel, set, push, {0, 0, 0}, groups);
   // Kernels see how many workgroups there are on the inner axes: the outermost one is cut, by which none of them multiplies.
