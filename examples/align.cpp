@@ -10,27 +10,31 @@
 #include <iclk/iclk.h>
 
 struct Image {
-  int width = 0, height = 0;
+  int width = 0, height = 0, channels = 1;
   std::vector<uint8_t> bytes;
 };
 
-/// A binary PGM or PPM file.
-Image read(const std::string& path) {
+/// A binary PGM or PPM file of 8 bits, or with `deep` a PGM file of 16.
+Image read(const std::string& path, bool deep) {
   std::ifstream file(path, std::ios::binary);
   std::string kind;
   int width = 0, height = 0, most = 0;
   file >> kind >> width >> height >> most;
   file.get();
-  const int pixel = (kind == "P6" ? 3 : 1) * (most > 255 ? 2 : 1);
-  Image image{width, height, std::vector<uint8_t>(static_cast<size_t>(width) * static_cast<size_t>(height * pixel))};
+  const bool sized = width > 0 && height > 0 && width <= 16384 && height <= 16384;
+  if (!file || !sized || (kind != "P5" && (deep || kind != "P6")) || (most > 255) != deep)
+    throw iclk::Error(iclk::ErrorCode::io,
+                      path + (deep ? " is no binary PGM file of 16 bits" : " is no binary PGM or PPM file"));
+  Image image{width, height, kind == "P6" ? 3 : 1, {}};
+  image.bytes.resize(static_cast<size_t>(width * height * (deep ? 2 : image.channels)));
   file.read(reinterpret_cast<char*>(image.bytes.data()), static_cast<std::streamsize>(image.bytes.size()));
-  if (!file) throw iclk::Error(iclk::ErrorCode::io, path + " is no binary PGM or PPM file");
+  if (!file) throw iclk::Error(iclk::ErrorCode::io, path + " ends before its last pixel");
   return image;
 }
 
 iclk::ImageView view(const Image& image) {
-  const bool grey = image.bytes.size() == static_cast<size_t>(image.width) * static_cast<size_t>(image.height);
-  return {image.bytes.data(), image.width, image.height, 0, grey ? iclk::PixelFormat::r8 : iclk::PixelFormat::rgb8};
+  return {image.bytes.data(), image.width, image.height, 0,
+          image.channels == 1 ? iclk::PixelFormat::r8 : iclk::PixelFormat::rgb8};
 }
 
 /// Of 16-bit depth, whose bytes come high first.
@@ -43,7 +47,7 @@ std::vector<float> metres(const Image& depth, float scale) {
 
 int main(int count, char** words) try {
   if (count < 9) return std::fputs("a.ppm b.ppm a_depth.pgm SCALE FX FY CX CY [DEVICE]\n", stderr), 2;
-  const Image reference = read(words[1]), target = read(words[2]), raw = read(words[3]);
+  const Image reference = read(words[1], false), target = read(words[2], false), raw = read(words[3], true);
   const std::vector<float> depth = metres(raw, std::stof(words[4]));
   const iclk::Camera camera{std::stod(words[5]), std::stod(words[6]), std::stod(words[7]),
                             std::stod(words[8]), reference.width,     reference.height};

@@ -1,6 +1,9 @@
 // examples/align.cpp, which knows the library alone, gives the bits of `iclk align` on real images.
+#include <sys/wait.h>
+
 #include <array>
 #include <cstdlib>
+#include <fstream>
 #include <sstream>
 
 #include <nlohmann/json.hpp>
@@ -53,6 +56,26 @@ TEST(Example, GivesTheBitsOfTheCommand) {
     const Said said = example(words, folder.path("said"));
     EXPECT_EQ(said.status, json["status"].get<std::string>() + ": " + json["reason"].get<std::string>());
     for (size_t i = 0; i < 16; ++i) EXPECT_EQ(said.T_10[i], json["T_10"][i / 4][i % 4].get<double>()) << device << " " << i;
+  }
+}
+
+TEST(Example, RefusesWhatItCannotRead) {
+  const Folder folder;
+  const auto save = [&](const std::string& name, const cv::Mat& pixels) {
+    return cv::imwrite(folder.path(name), pixels), folder.path(name);
+  };
+  const std::string grey = save("grey.pgm", cv::Mat(60, 80, CV_8UC1, cv::Scalar(7))),
+                    deep = save("deep.pgm", cv::Mat(60, 80, CV_16UC1, cv::Scalar(7000)));
+  const std::string whole = test::bytes_of(deep), cut = folder.path("cut.pgm");
+  std::ofstream(cut, std::ios::binary) << whole.substr(0, whole.size() - 1);
+  const std::string images[][3] = {{deep, grey, deep}, {grey, grey, grey}, {grey, grey, cut}, {grey, grey, "none.pgm"}};
+  for (const auto& [a, b, depth] : images) {
+    std::string line = ICLK_EXAMPLE;
+    for (const std::string& word : {a, b, depth}) line += " '" + word + "'";
+    line += " 5000 90 90 40 30 cpu 2>'" + folder.path("said") + "'";
+    EXPECT_EQ(WEXITSTATUS(std::system(line.c_str())), 2) << line;
+    const std::string& broken = a == deep ? a : depth;
+    EXPECT_EQ(test::bytes_of(folder.path("said")).find(broken + " "), 0u) << test::bytes_of(folder.path("said"));
   }
 }
 
