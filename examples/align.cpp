@@ -1,7 +1,6 @@
 // Aligns two images whose depth is known in the first, with the library alone:
 //   example_align a.ppm b.ppm a_depth.pgm 5000 517.3 516.5 318.6 255.3 [device]
 // 5000 is how many units of the depth image a metre has; then fx, fy, cx, cy. Prints the status and T_10.
-#include <cstdint>
 #include <cstdio>
 #include <fstream>
 #include <string>
@@ -19,12 +18,10 @@ Image read(const std::string& path, bool deep) {
   std::ifstream file(path, std::ios::binary);
   std::string kind;
   int width = 0, height = 0, most = 0;
-  file >> kind >> width >> height >> most;
-  file.get();
+  (file >> kind >> width >> height >> most).get();
   const bool sized = width > 0 && height > 0 && width <= 16384 && height <= 16384;
   if (!file || !sized || (kind != "P5" && (deep || kind != "P6")) || (most > 255) != deep)
-    throw iclk::Error(iclk::ErrorCode::io,
-                      path + (deep ? " is no binary PGM file of 16 bits" : " is no binary PGM or PPM file"));
+    throw iclk::Error(iclk::ErrorCode::io, path + (deep ? " is no PGM of 16 bits" : " is no binary PGM or PPM"));
   Image image{width, height, kind == "P6" ? 3 : 1, {}};
   image.bytes.resize(static_cast<size_t>(width * height * (deep ? 2 : image.channels)));
   file.read(reinterpret_cast<char*>(image.bytes.data()), static_cast<std::streamsize>(image.bytes.size()));
@@ -33,8 +30,8 @@ Image read(const std::string& path, bool deep) {
 }
 
 iclk::ImageView view(const Image& image) {
-  return {image.bytes.data(), image.width, image.height, 0,
-          image.channels == 1 ? iclk::PixelFormat::r8 : iclk::PixelFormat::rgb8};
+  const auto format = image.channels == 1 ? iclk::PixelFormat::r8 : iclk::PixelFormat::rgb8;
+  return {image.bytes.data(), image.width, image.height, 0, format};
 }
 
 /// Of 16-bit depth, whose bytes come high first.
