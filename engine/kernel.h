@@ -58,7 +58,8 @@ class Kernel {
   Kernel() = default;
   /// Throws Error(unsupported) for more bindings or push constants than the device has; Error(vulkan) naming the kernel.
   Kernel(std::shared_ptr<const Context> context, const KernelDescription& description);
-  /// A kernel that few runs need: checked now, compiled where it is first recorded, which then throws Error(vulkan).
+  /// A kernel that few runs need. The description is checked now. The pipeline is made where the kernel is first recorded, and
+  /// that call throws Error(vulkan).
   static Kernel deferred(std::shared_ptr<const Context> context, const KernelDescription& description);
 
   const std::string& name() const { return state_->name; }

@@ -55,8 +55,8 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  /// From here on dispatches run no workgroup. A driver that compiles a kernel where it first runs, as lavapipe does, does so
-  /// without work to wait for.
+  /// From here on dispatches run no workgroup. Drivers that compile a kernel when it first runs, as lavapipe does, then compile
+  /// it without computing.
   void compile_only() { compile_only_ = true; }
 
   /// Names the commands that follow, for the timer.

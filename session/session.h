@@ -28,8 +28,8 @@ struct Answer : RefinedAlignment {
 /// Aligners follow what the session is given: the size of the images, a device format that loses nothing of them, masks, as
 /// many features as the largest reference has. Another kind of image costs a new aligner, as do more features.
 ///
-/// Of every pair, T_10 is a first guess if Pair::search (CascadePair::search) is false; otherwise the pair has none, and
-/// SessionOptions::search says what becomes of that.
+/// If Pair::search (CascadePair::search) is false, T_10 is the pair's first guess. If it is true, the pair has none, and
+/// SessionOptions::search decides where it begins.
 class Session {
  public:
   /// Reads the models and opens the device. Throws Error(invalid_argument) that names a bad option, Error(io) for a model that
@@ -108,7 +108,7 @@ class Session {
   double making_ms_ = 0;  // of aligners since the last align()
 };
 
-/// An 8-bit, or float where images are deeper, format with one channel or with four for colours and masks: it loses nothing.
+/// A device format that loses nothing: 8-bit, or float for deeper images; one channel, or four for colours and masks.
 PixelFormat lossless_format(bool deep, bool colour);
 
 }  // namespace iclk

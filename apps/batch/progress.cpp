@@ -7,14 +7,10 @@
 #include <cmath>
 #include <cstdio>
 
+#include "apps/common/format.h"
+
 namespace iclk {
 namespace {
-
-std::string format(const char* pattern, auto... values) {
-  char text[256];
-  std::snprintf(text, sizeof text, pattern, values...);
-  return text;
-}
 
 double median(std::vector<double> x) {
   const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
@@ -27,21 +23,21 @@ double median(std::vector<double> x) {
 
 std::string duration_text(double seconds) {
   const long s = std::lround(std::clamp(seconds, 0.0, 1e9));
-  if (s < 60) return format("%ld s", s);
-  if (s < 3600) return format("%ld min %ld s", s / 60, s % 60);
-  return format("%ld h %ld min", s / 3600, s % 3600 / 60);
+  if (s < 60) return formatted("%ld s", s);
+  if (s < 3600) return formatted("%ld min %ld s", s / 60, s % 60);
+  return formatted("%ld h %ld min", s / 3600, s % 3600 / 60);
 }
 
 std::string progress_text(const ProgressState& state, int columns) {
   const int done = state.before + state.done;
   const double share = state.total > 0 ? static_cast<double>(done) / state.total : 1;
-  std::string text = format(" %d/%d  %.1f %%", done, state.total, std::floor(1000 * share) / 10);
+  std::string text = formatted(" %d/%d  %.1f %%", done, state.total, std::floor(1000 * share) / 10);
   if (state.done > 0 && state.seconds > 0) {
     const double rate = state.done / state.seconds;
-    text += format(rate < 10 ? "  %.2f %s/s" : "  %.0f %s/s", rate, state.unit);
+    text += formatted(rate < 10 ? "  %.2f %s/s" : "  %.0f %s/s", rate, state.unit);
     if (done < state.total) text += "  " + duration_text((state.total - done) / rate) + " left";
   }
-  if (state.failed > 0) text += format("  %d %s", state.failed, state.bad);
+  if (state.failed > 0) text += formatted("  %d %s", state.failed, state.bad);
   const int bar = std::min(40, columns - 2 - static_cast<int>(text.size()));
   if (bar < 4) return text.substr(1, static_cast<size_t>(std::max(columns, 1)));
   const auto filled = static_cast<size_t>(std::floor(share * bar));
@@ -100,11 +96,11 @@ int Tally::count(const std::string& status) const {
 std::string Tally::text() const {
   std::string out;
   for (const auto& [status, count] : by_status_)
-    out += format("%-18s %7d  %5.1f %%\n", status.c_str(), count, 100.0 * count / total_);
+    out += formatted("%-18s %7d  %5.1f %%\n", status.c_str(), count, 100.0 * count / total_);
   if (!e_transl_.empty()) {
-    out += format("median error of %zu converged pairs with truth: ", e_transl_.size());
-    if (!e_pixel_.empty()) out += format("%.3f px, ", median(e_pixel_));
-    out += format("%.2f mm, %.4f deg\n", 1e3 * median(e_transl_), e_rot_.empty() ? NAN : median(e_rot_) * 180 / M_PI);
+    out += formatted("median error of %zu converged pairs with truth: ", e_transl_.size());
+    if (!e_pixel_.empty()) out += formatted("%.3f px, ", median(e_pixel_));
+    out += formatted("%.2f mm, %.4f deg\n", 1e3 * median(e_transl_), e_rot_.empty() ? NAN : median(e_rot_) * 180 / M_PI);
   }
   return out;
 }

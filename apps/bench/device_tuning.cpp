@@ -10,6 +10,8 @@
 #include <iclk/session/io/output.h>
 #include <iclk/session/tuning_cache.h>
 
+#include "apps/common/format.h"
+
 namespace iclk {
 
 TuningReport tune_device(const std::shared_ptr<const engine::Context>& context, const TuningWish& wish,

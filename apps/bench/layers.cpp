@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <map>
 
+#include "apps/common/format.h"
+
 namespace iclk {
 namespace {
 

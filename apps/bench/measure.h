@@ -54,7 +54,4 @@ Progress terminal_progress();
 /// A number for JSON: null unless finite.
 nlohmann::ordered_json number(double value);
 
-/// printf to a string.
-[[gnu::format(printf, 1, 2)]] std::string formatted(const char* format, ...);
-
 }  // namespace iclk

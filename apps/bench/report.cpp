@@ -3,6 +3,8 @@
 
 #include "apps/bench/runs.h"
 
+#include "apps/common/format.h"
+
 namespace iclk {
 namespace {
 

@@ -12,6 +12,7 @@
 #include <iclk/session/pose_errors.h>
 #include <iclk/session/session.h>
 
+#include "apps/common/format.h"
 #include "apps/io/images.h"
 
 namespace iclk {

@@ -4,6 +4,7 @@
 #include <map>
 
 #include "apps/bench/measure.h"
+#include "apps/common/format.h"
 
 namespace iclk {
 namespace {

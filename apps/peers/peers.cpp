@@ -9,6 +9,7 @@
 #include <iclk/engine/error.h>
 #include <iclk/session/pose_errors.h>
 
+#include "apps/common/format.h"
 #include "apps/io/images.h"
 #include "apps/io/sequence.h"
 #include "apps/session/pair_input.h"

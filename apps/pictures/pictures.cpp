@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <limits>
 #include <map>
 
@@ -11,17 +10,12 @@
 #include <iclk/session/feature_report.h>
 #include <iclk/session/pose_errors.h>
 
+#include "apps/common/format.h"
 #include "apps/pictures/drawing.h"
 #include "apps/session/report.h"
 
 namespace iclk {
 namespace {
-
-std::string format(const char* pattern, auto... values) {
-  char line[256];
-  std::snprintf(line, sizeof line, pattern, values...);
-  return line;
-}
 
 /// Nobody should take the picture of a failure for that of a pose.
 cv::Scalar verdict_colour(const RefinedAlignment& result) { return result.converged() ? kInk : kAlarm; }
@@ -175,11 +169,11 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
   cv::Mat canvas = framed(panel, pen, "Features of the reference, found in the target (" + verdict(result) + ")",
                           verdict_colour(result), pen.px(66));
   Legend rings{canvas, pen, canvas.rows - pen.px(44)};
-  for (const auto& [status, count] : counts) rings.ring(status_colour(status), format("%d %s", count, status.c_str()));
-  std::string line = pair.truth ? format("from found to true position%s; mean distance %.2f px",
-                                         magnified > 1 ? format(", drawn %d times as long", magnified).c_str() : "", mean)
-                                : format("back to where the first guess had it; mean distance %.1f px", mean);
-  if (stride > 1) line += format("; one feature in %zu has its line", stride);
+  for (const auto& [status, count] : counts) rings.ring(status_colour(status), formatted("%d %s", count, status.c_str()));
+  std::string line = pair.truth ? formatted("from found to true position%s; mean distance %.2f px",
+                                            magnified > 1 ? formatted(", drawn %d times as long", magnified).c_str() : "", mean)
+                                : formatted("back to where the first guess had it; mean distance %.1f px", mean);
+  if (stride > 1) line += formatted("; one feature in %zu has its line", stride);
   Legend{canvas, pen, canvas.rows - pen.px(14)}.line(red, line);
   return canvas;
 }
@@ -206,7 +200,7 @@ cv::Mat residual_picture(const View& before, const View& after, const cv::Mat& g
   const Pen pen(static_cast<int>(1.4 * grey_0.cols * zoom));
   const double range = std::isfinite(before.rms) ? std::clamp(std::ceil(before.rms / 5) * 10, 20.0, 120.0) : 60;
   const auto rms = [](const View& view) {
-    return std::isfinite(view.rms) ? format("RMS %.1f of 255 grey levels", view.rms) : std::string("nothing to compare");
+    return std::isfinite(view.rms) ? formatted("RMS %.1f of 255 grey levels", view.rms) : std::string("nothing to compare");
   };
   cv::Mat canvas = side_by_side(
       enlarged(residual_panel(before, grey_0, range), zoom), enlarged(residual_panel(after, grey_0, range), zoom), pen,
@@ -214,13 +208,13 @@ cv::Mat residual_picture(const View& before, const View& after, const cv::Mat& g
       "After" + (result.converged() ? std::string() : " (" + verdict(result) + ")") + ": target minus reference, " + rms(after),
       verdict_colour(result));
   Legend legend{canvas, pen, canvas.rows - pen.px(14)};
-  legend.words(format("target darker  -%.0f", range), 12);
+  legend.words(formatted("target darker  -%.0f", range), 12);
   const int bar = pen.px(300);
   for (int i = 0; i < bar; ++i)
     cv::line(canvas, {legend.x + i, legend.y - pen.px(16)}, {legend.x + i, legend.y + pen.px(4)},
              cv::Scalar(signed_colour(2.0 * i / (bar - 1) - 1)));
   legend.x += bar + pen.px(12);
-  legend.words(format("+%.0f  target brighter", range), 30);
+  legend.words(formatted("+%.0f  target brighter", range), 30);
   legend.square({96, 96, 96}, "unknown");
   legend.note(depth_source + "; exposure matched");
   return canvas;

@@ -1,9 +1,9 @@
 #include "apps/session/model_info.h"
 
-#include <cstdio>
-
 #include <iclk/engine/error.h>
 #include <iclk/shaders/shared.h>
+
+#include "apps/common/format.h"
 
 namespace iclk {
 namespace {
@@ -43,18 +43,11 @@ std::string layers_text(const std::vector<ConvLayer>& layers) {
   return out;
 }
 
-template <class... Args>
-std::string format(const char* pattern, Args... args) {
-  char text[400];
-  std::snprintf(text, sizeof text, pattern, args...);
-  return text;
-}
-
 bool by_image(const Model& model) { return model.normalisation == Normalisation::image; }
 
 std::string channels_text(const Model& model, const std::array<float, 3>& values) {
   std::string out;
-  for (int c = 0; c < model.input_channels; ++c) out += format(" %.6g", static_cast<double>(values[static_cast<size_t>(c)]));
+  for (int c = 0; c < model.input_channels; ++c) out += formatted(" %.6g", static_cast<double>(values[static_cast<size_t>(c)]));
   return out;
 }
 
@@ -127,22 +120,22 @@ std::string model_table(const Model& model, int width, int height) {
   std::string out = "name         " + model.name + "\nlicence      " + model.licence + "\nprovenance   " + model.provenance;
   out += "\ninput        " + std::string(colour ? "RGB" : "luma") + (by_image(model) ? " normalised by the image" : "");
   out += ", mean" + channels_text(model, model.mean) + ", std" + channels_text(model, model.std);
-  out += format("\nmade for     %d levels of %d iterations, damping %g, carry %g, patches of %dx%d\n", model.levels(),
-                model.iterations, model.damping, model.carry, ICLK_PATCH, ICLK_PATCH);
-  out += format("parameters   %zu (%.2f MB)\n", model.parameters(), static_cast<double>(model.parameters()) * 4e-6);
-  out += format("\nencoder      ELU; %.3f GMAC an image of %dx%d\n", model.encoder_macs(width, height, model.levels()) * 1e-9,
-                width, height);
+  out += formatted("\nmade for     %d levels of %d iterations, damping %g, carry %g, patches of %dx%d\n", model.levels(),
+                   model.iterations, model.damping, model.carry, ICLK_PATCH, ICLK_PATCH);
+  out += formatted("parameters   %zu (%.2f MB)\n", model.parameters(), static_cast<double>(model.parameters()) * 4e-6);
+  out += formatted("\nencoder      ELU; %.3f GMAC an image of %dx%d\n",
+                   model.encoder_macs(width, height, model.levels()) * 1e-9, width, height);
   out += "  level       size  parameters    GMAC  receptive field  channels\n";
   for (int l = 0; l < model.levels(); ++l) {
     const auto& layers = model.encoder[static_cast<size_t>(l)];
     const std::string size = std::to_string(width >> l) + "x" + std::to_string(height >> l);
-    out += format("  %5d  %9s  %10zu  %6.3f  %12d px  ", l, size.c_str(), parameters(layers),
-                  macs(layers, width >> l, height >> l) * 1e-9, receptive_field(model, l)) +
+    out += formatted("  %5d  %9s  %10zu  %6.3f  %12d px  ", l, size.c_str(), parameters(layers),
+                     macs(layers, width >> l, height >> l) * 1e-9, receptive_field(model, l)) +
            layers_text(layers) + "\n";
   }
   if (model.m_estimator.empty()) return out + "\nM-estimator  none: the weights are 1\n";
-  out += format("\nM-estimator  %zu parameters; %.3f GMAC on all of level 0; receptive field %d px of each level\n",
-                parameters(model.m_estimator), m_estimator_macs(model, width, height) * 1e-9, m_estimator_field(model));
+  out += formatted("\nM-estimator  %zu parameters; %.3f GMAC on all of level 0; receptive field %d px of each level\n",
+                   parameters(model.m_estimator), m_estimator_macs(model, width, height) * 1e-9, m_estimator_field(model));
   return out + "             " + layers_text(model.m_estimator) + "\n";
 }
 

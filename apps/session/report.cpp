@@ -1,7 +1,6 @@
 #include "apps/session/report.h"
 
 #include <cmath>
-#include <cstdio>
 #include <map>
 
 #include <iclk/session/feature_report.h>
@@ -9,6 +8,7 @@
 #include <iclk/session/io/text.h>
 #include <iclk/session/pose_errors.h>
 
+#include "apps/common/format.h"
 #include "apps/io/json.h"
 #include "apps/version.h"
 
@@ -95,19 +95,13 @@ Json features(const PairInput& pair, const RefinedAlignment& result) {
   return list;
 }
 
-std::string format(const char* pattern, auto... values) {
-  char line[512];
-  std::snprintf(line, sizeof line, pattern, values...);
-  return line;
-}
-
 std::string feature_line(const PairInput& pair, const RefinedAlignment& result) {
   std::map<std::string, int> counts;
   for (int i = 0; i < pair.features.size(); ++i) ++counts[feature_status(pair.camera, pair.features, result, i)];
   const std::string good = result.features.empty() ? "projected" : "aligned";
-  std::string text = format("%d of %d %s", counts[good], pair.features.size(), good.c_str());
+  std::string text = formatted("%d of %d %s", counts[good], pair.features.size(), good.c_str());
   for (const auto& [status, count] : counts)
-    if (status != good && count > 0) text += format(", %d %s", count, status.c_str());
+    if (status != good && count > 0) text += formatted(", %d %s", count, status.c_str());
   return text;
 }
 
@@ -195,22 +189,22 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   const Camera& c = pair.camera;
   std::string out;
   out += "reference  " + pair.name_0 + "\n" + "target     " + pair.name_1 + "\n";
-  out += format("camera     %dx%d, fx %.2f fy %.2f cx %.2f cy %.2f\n", c.width, c.height, c.fx, c.fy, c.cx, c.cy);
+  out += formatted("camera     %dx%d, fx %.2f fy %.2f cx %.2f cy %.2f\n", c.width, c.height, c.fx, c.fy, c.cx, c.cy);
   out += "model      " + printable(model_line(result)) + "\n";
   out += "device     " + session.device_name() + "\n";
-  out += format("set-up     %.0f ms: kernels and memory, once for all pairs\n\n", session.times().setup);
+  out += formatted("set-up     %.0f ms: kernels and memory, once for all pairs\n\n", session.times().setup);
   const auto row = [&](const std::string& stage, const PoseError* e, double cost, double ms) {
-    out += format("%-18s", stage.c_str());
+    out += formatted("%-18s", stage.c_str());
     if (e != nullptr) {
-      out += std::isfinite(e->e_pixel) ? format(" %12.3f", e->e_pixel) : format(" %12s", "-");
-      out += format(" %14.2f %12.4f", 1e3 * e->e_transl, kDegrees * e->e_rot);
+      out += std::isfinite(e->e_pixel) ? formatted(" %12.3f", e->e_pixel) : formatted(" %12s", "-");
+      out += formatted(" %14.2f %12.4f", 1e3 * e->e_transl, kDegrees * e->e_rot);
     }
-    out += std::isfinite(cost) ? format(" %12.3g", cost) : format(" %12s", "");
-    out += std::isfinite(ms) ? format(" %9.2f\n", ms) : "\n";
+    out += std::isfinite(cost) ? formatted(" %12.3g", cost) : formatted(" %12s", "");
+    out += std::isfinite(ms) ? formatted(" %9.2f\n", ms) : "\n";
   };
-  out += format("%-18s", "stage");
-  if (pair.truth) out += format(" %12s %14s %12s", "error [px]", "transl. [mm]", "rot. [deg]");
-  out += format(" %12s %9s\n", "cost", "ms");
+  out += formatted("%-18s", "stage");
+  if (pair.truth) out += formatted(" %12s %14s %12s", "error [px]", "transl. [mm]", "rot. [deg]");
+  out += formatted(" %12s %9s\n", "cost", "ms");
   if (pair.truth) {
     const PoseError start = pose_error(c, pair.features, pair.start(), *pair.truth);
     row("(first guess)", &start, NAN, NAN);
@@ -224,17 +218,17 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
     row(stage.name, &e, stage.cost, stage.ms);
   }
   out += "\nfeatures   " + feature_line(pair, result) + "\n";
-  out += format("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
+  out += formatted("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
   if (result.turn)
-    out += format("shutter    rows read one by one: bent by %.2f deg of turning, which is taken out\n",
-                  kDegrees * result.turn->norm());
+    out += formatted("shutter    rows read one by one: bent by %.2f deg of turning, which is taken out\n",
+                     kDegrees * result.turn->norm());
   out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
-  out += format("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
+  out += formatted("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
   if (has_covariance(result)) {
     const Eigen::Matrix<double, 6, 1> sigma = result.covariance.diagonal().cwiseSqrt();
-    out += format("; 1 sigma %.2f mm, %.4f deg", 1e3 * sigma.head<3>().norm(), kDegrees * sigma.tail<3>().norm());
+    out += formatted("; 1 sigma %.2f mm, %.4f deg", 1e3 * sigma.head<3>().norm(), kDegrees * sigma.tail<3>().norm());
   }
-  out += format("\nstatus     %s: %s\n", name(result.status), result.reason.c_str());
+  out += formatted("\nstatus     %s: %s\n", name(result.status), result.reason.c_str());
   if (const std::string advice = hint(result.status, pair.features_from_file); !advice.empty())
     out += "hint       " + advice + "\n";
   return out;
