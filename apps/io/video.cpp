@@ -5,11 +5,11 @@
 #include <filesystem>
 #include <iterator>
 
-#include <fmt/format.h>
 #include <opencv2/videoio.hpp>
 
 #include <iclk/engine/error.h>
 
+#include "apps/common/format.h"
 #include "apps/io/images.h"
 
 namespace iclk {
@@ -31,7 +31,7 @@ Video::Video(const std::string& path) : path_(path) {
   open();
   const double width = capture_->get(cv::CAP_PROP_FRAME_WIDTH), height = capture_->get(cv::CAP_PROP_FRAME_HEIGHT);
   if (width * height > static_cast<double>(kMaxPixels))
-    throw Error(ErrorCode::invalid_argument, fmt::format("{}: frames of {}x{} pixels are too large", path, width, height));
+    throw Error(ErrorCode::invalid_argument, formatted("%s: frames of %.0fx%.0f pixels are too large", path.c_str(), width, height));
   const double promised = capture_->get(cv::CAP_PROP_FRAME_COUNT);
   while (capture_->grab()) {
     const double time = capture_->get(cv::CAP_PROP_POS_MSEC) / 1000;
@@ -40,7 +40,7 @@ Video::Video(const std::string& path) : path_(path) {
   }
   if (times_.empty()) throw Error(ErrorCode::io, path + ": not a single frame can be decoded");
   if (promised > size() + 1)
-    problem_ = fmt::format("{} ends after {} of its {} frames: is it cut off?", path, size(), promised);
+    problem_ = formatted("%s ends after %d of its %.0f frames: is it cut off?", path.c_str(), size(), promised);
   open();
 }
 
@@ -55,7 +55,7 @@ cv::Mat Video::read(int i) {
   if (good) good = capture_->read(image) && !image.empty();
   ++next_;
   if (!good || (image.type() != CV_8UC3 && image.type() != CV_8UC1))
-    throw Error(ErrorCode::io, fmt::format("{}: frame {} cannot be decoded", path_, i));
+    throw Error(ErrorCode::io, formatted("%s: frame %d cannot be decoded", path_.c_str(), i));
   return image;
 }
 

@@ -3,10 +3,11 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <string>
 
 #include <iclk/engine/error.h>
+
+#include "apps/common/format.h"
 
 namespace iclk {
 namespace {
@@ -14,12 +15,6 @@ namespace {
 constexpr double kLatest = 9e9;     // s, so that nanoseconds fit into 64 bits
 constexpr double kSameTime = 1e-6;  // s: what lists of files resolve
 constexpr uint64_t kMostFrames = 10000000;
-
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.12g", value);
-  return text;
-}
 
 /// A pose at a time, from those at two others; beyond them as well.
 StampedPose between(const StampedPose& a, const StampedPose& b, double time) {
@@ -34,9 +29,9 @@ FlightPath::FlightPath(std::vector<StampedPose> poses, const std::string& source
   const auto fail = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, source + ": " + why); };
   if (poses_.empty()) fail("there is no pose: lines 'timestamp tx ty tz qx qy qz qw' are expected");
   if (!(begin() >= 0) || !(end() < kLatest))
-    fail("times from " + number(begin()) + " to " + number(end()) + " s; 0 to " + number(kLatest) + " are possible");
+    fail(formatted("times from %.12g to %.12g s; 0 to %.12g are possible", begin(), end(), kLatest));
   for (size_t i = 1; i < poses_.size(); ++i)
-    if (!(poses_[i].stamp - poses_[i - 1].stamp >= kSameTime)) fail("two poses at " + number(poses_[i].stamp) + " s");
+    if (!(poses_[i].stamp - poses_[i - 1].stamp >= kSameTime)) fail(formatted("two poses at %.12g s", poses_[i].stamp));
 }
 
 SE3 FlightPath::at(double time) const {
@@ -66,8 +61,9 @@ std::vector<double> FlightPath::times(double rate, double readout) const {
   if (rate > 0) {
     const double count = (end() - begin()) * rate;
     if (count > static_cast<double>(kMostFrames))
-      throw Error(ErrorCode::invalid_argument, number(count) + " frames at " + number(rate) + " a second are more than " +
-                                                   std::to_string(kMostFrames) + "; take a lower rate");
+      throw Error(ErrorCode::invalid_argument,
+                  formatted("%.12g frames at %.12g a second are more than %zu; take a lower rate", count, rate,
+                            static_cast<size_t>(kMostFrames)));
     for (uint64_t k = 0; static_cast<double>(k) <= count + 1e-6; ++k)
       all.push_back(std::min(begin() + static_cast<double>(k) / rate, end()));
   } else {
