@@ -9,6 +9,7 @@
 #include <iclk/align/features.h>
 #include <iclk/align/image.h>
 #include <iclk/align/options.h>
+#include <iclk/align/pyramid.h>
 
 namespace iclk {
 
@@ -63,6 +64,8 @@ class Aligner {
   virtual const Features& features(int slot) const = 0;
   virtual const std::vector<FeatureCheck>& checks(int slot) const = 0;
   virtual const Plan& plan() const = 0;
+  /// Luma of the image of a slot that set_reference() prepared, level 0; empty where a device alone has it.
+  virtual Map grey(int slot) const = 0;
 };
 
 struct Model;

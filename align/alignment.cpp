@@ -5,8 +5,8 @@
 namespace iclk {
 
 const char* name(Status status) {
-  constexpr std::array<const char*, 6> names = {"converged",  "max_iterations",   "low_overlap",
-                                                "degenerate", "too_few_features", "diverged"};
+  constexpr std::array<const char*, 7> names = {"converged",        "max_iterations", "low_overlap", "degenerate",
+                                                "too_few_features", "diverged",       "ambiguous"};
   return names[static_cast<size_t>(status)];
 }
 

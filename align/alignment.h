@@ -14,6 +14,7 @@ enum class Status {
   degenerate,        ///< H is singular or ill-conditioned: the images do not determine the pose
   too_few_features,  ///< fewer usable features than AlignerOptions::min_features
   diverged,          ///< the images do not agree at the pose where the iterations ended
+  ambiguous,         ///< another pose explains the images as well: RefinedAlignment::rivals
 };
 const char* name(Status status);
 /// converged or max_iterations: the pose is an answer, and has a covariance.

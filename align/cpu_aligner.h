@@ -25,6 +25,7 @@ class CpuAligner : public Aligner {
   const Features& features(int slot) const override;
   const std::vector<FeatureCheck>& checks(int slot) const override;
   const Plan& plan() const override { return plan_; }
+  Map grey(int slot) const override { return reference_grey(slot)[0]; }
   /// Grey maps, with a model too. Then they are the kFeatureAlignmentLevels finest levels as far as AlignerOptions::levels
   /// goes, and always made: images are read during a call only, and beside the encoder they cost next to nothing.
   const Pyramid& reference_grey(int slot) const;

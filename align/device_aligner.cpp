@@ -125,6 +125,7 @@ void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Feature
   kept.checks = std::move(checks);
   kept.mean_inverse_depth = mean_inverse_depth;
   kept.chosen = 0;
+  kept.on_host = false;
 }
 
 std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference& reference) {
@@ -145,6 +146,7 @@ std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference
       std::memcpy(q + row * static_cast<size_t>(v), reference.inverse_depth.row(v), row * sizeof(float));
   }
   m.set_slot(slot, reference.camera, reference.features, mean_q, checks);
+  m.slots[s].on_host = true;
   return checks;
 }
 
@@ -338,6 +340,14 @@ const std::vector<FeatureCheck>& DeviceAligner::checks(int slot) const {
   return impl_->slots.at(static_cast<size_t>(slot)).checks;
 }
 const Plan& DeviceAligner::plan() const { return impl_->plan; }
+Map DeviceAligner::grey(int slot) const {
+  const Impl& m = *impl_;
+  const auto s = static_cast<size_t>(slot);
+  if (!m.slots.at(s).on_host) return {};
+  const auto* pixels = static_cast<const uint8_t*>(m.memory[m.ids.staging0.value_or(m.ids.pixels0)].mapped);
+  return grey_map({pixels + 4ull * m.layout.pixel_words * s, m.plan.width, m.plan.height,
+                   m.layout.row_pixels() * bytes_per_pixel(m.plan.format), m.plan.format});
+}
 int DeviceAligner::pairs_per_batch() const { return impl_->batch; }
 const std::shared_ptr<const engine::Context>& DeviceAligner::context() const { return impl_->context; }
 

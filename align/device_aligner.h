@@ -109,6 +109,7 @@ class DeviceAligner : public Aligner {
   const Features& features(int slot) const override;
   const std::vector<FeatureCheck>& checks(int slot) const override;
   const Plan& plan() const override;
+  Map grey(int slot) const override;
   int pairs_per_batch() const;  ///< larger spans are split into batches of so many
 
   /// A recording: descriptors, pair data and results of one record() call. Must outlive the command buffer's last execution.

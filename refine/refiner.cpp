@@ -7,6 +7,7 @@
 #include <iclk/align/common/each.h>
 #include <iclk/align/common/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/refine/internal/rivals.h>
 #include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/internal/verdict.h>
 #include <iclk/refine/rolling_shutter.h>
@@ -15,6 +16,8 @@
 
 namespace iclk {
 namespace {
+
+constexpr int kRivals = 3;  // poses that are tried beside an answer
 
 class Stopwatch {
  public:
@@ -37,6 +40,8 @@ struct View {
   const Features& features;
   const std::vector<FeatureCheck>& checks;
 };
+
+View view_of(const Aligner& aligner, int slot) { return {aligner.camera(slot), aligner.features(slot), aligner.checks(slot)}; }
 
 /// Patch centre inside image 1 by the patch's half width.
 bool is_visible(const View& view, size_t i, const SE3& T_10) {
@@ -104,14 +109,26 @@ Matrix6d unbend(const View& view, const PoseOptions& options, RefinedAlignment& 
   return found->pose_share;
 }
 
+/// Features that a pose puts inside image 1, and of these those with texture: the rest says nothing about it.
+struct Shown {
+  int visible = 0, candidates = 0;
+};
+Shown shown(const View& view, std::span<const AlignedFeature> features, const SE3& T_10) {
+  Shown s;
+  for (size_t i = 0; i < view.checks.size(); ++i) {
+    if (!is_visible(view, i, T_10) || features[i].status == FeatureStatus::hidden) continue;
+    ++s.visible;
+    s.candidates += features[i].status != FeatureStatus::low_texture;
+  }
+  return s;
+}
+
 /// The verdict over the whole way; `pose` is the last round's. False if features speak against the pose that ICLK found.
 bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, RefinedAlignment& r) {
   internal::Evidence e;
-  for (size_t i = 0; i < view.checks.size(); ++i) {
-    if (!is_visible(view, i, pose.T_10) || r.features[i].status == FeatureStatus::hidden) continue;
-    ++e.visible;
-    e.candidates += r.features[i].status != FeatureStatus::low_texture;
-  }
+  const Shown s = shown(view, r.features, pose.T_10);
+  e.visible = s.visible;
+  e.candidates = s.candidates;
   e.aligned = count_aligned(r.features);
   e.inliers = pose.inliers;
   e.rounds = r.rounds;
@@ -130,6 +147,64 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   return verdict.compatible;
 }
 
+/// The answer is the pose among these for which the most features speak, if for every other one far fewer do.
+void weigh(const View& view, const RefinerOptions& options, bool guessed, std::span<RefinedAlignment> rivals,
+           RefinedAlignment& answer) {
+  const auto compare = [&](const RefinedAlignment& a, const RefinedAlignment& b) {
+    return internal::support(view.camera, view.features, a, b, options.pose.inlier_distance, guessed);
+  };
+  const RefinedAlignment* best = &answer;
+  for (const RefinedAlignment& rival : rivals)
+    if (const internal::Support s = compare(*best, rival);
+        rival.converged() && s.answer < options.max_rival_share * s.rival)
+      best = &rival;
+  std::vector<Rival> others;
+  const auto consider = [&](const RefinedAlignment& other) {
+    if (&other == best) return;
+    const std::vector<double> apart = motions(view, best->T_10, other.T_10);
+    if (!(apart[apart.size() / 2] > options.pose.inlier_distance)) return;
+    const internal::Support s = compare(*best, other);
+    if (s.rival >= std::max<double>(options.min_inliers, options.max_rival_share * s.answer))
+      others.push_back({other.T_10, s.rival});
+  };
+  consider(answer);
+  for (const RefinedAlignment& rival : rivals) consider(rival);
+  if (best != &answer) {
+    RefinedAlignment& better = *const_cast<RefinedAlignment*>(best);
+    better.iclk = std::move(answer.iclk);
+    answer = std::move(better);
+  }
+  if (others.empty()) return;
+  std::sort(others.begin(), others.end(), [](const Rival& a, const Rival& b) { return a.inliers > b.inliers; });
+  answer.rivals = std::move(others);
+  answer.status = Status::ambiguous;
+  answer.covariance.setZero();
+  answer.reason = std::to_string(answer.rivals.front().inliers) + " features agree on another pose that explains the images " +
+                  "as well; " + answer.reason;
+}
+
+void refine_depths(const View& view, const RefinerOptions& options, const Matrix6d& turn_share, RefinedAlignment& r) {
+  const Stopwatch time;
+  StructureResult s =
+      refine_structure(view.camera, view.features, straight(view, r), r.T_10, {options.pose, options.relative_sigma});
+  Stage& structure_stage = stage(r, "structure");
+  structure_stage.T_10 = s.pose.T_10;
+  structure_stage.cost = s.pose.cost;
+  structure_stage.ms = time.ms();
+  if (!usable(s.pose.status)) {
+    r.status = s.pose.status;
+    r.reason = "structure: " + s.pose.reason;
+    r.covariance.setZero();
+    return;
+  }
+  r.T_10 = s.pose.T_10;
+  r.covariance = s.pose.covariance + turn_share;
+  r.inverse_depth = std::move(s.inverse_depth);
+  r.inverse_depth_sigma = std::move(s.inverse_depth_sigma);
+  r.inliers = s.pose.inliers;
+  r.sigma = s.pose.sigma;
+}
+
 }  // namespace
 
 void RefinerOptions::check() const {
@@ -141,6 +216,7 @@ void RefinerOptions::check() const {
   check_range("refine min_inliers", min_inliers, 4, 1e6);
   check_range("refine min_inlier_share", min_inlier_share, 0, 1);
   check_range("refine max_correction", max_correction, 0, 1e4);
+  check_range("refine max_rival_share", max_rival_share, 0, 1);
 }
 
 Refiner::Refiner(Aligner& aligner, const RefinerOptions& options)
@@ -172,112 +248,126 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
   const Stopwatch iclk_time;
   std::vector<Alignment> alignments = aligner_.align(pairs);
   const double iclk_ms = iclk_time.ms() / static_cast<double>(pairs.size());
-
-  const auto view = [&](size_t i) {
-    const int slot = pairs[i].reference;
-    return View{aligner_.camera(slot), aligner_.features(slot), aligner_.checks(slot)};
-  };
-  std::vector<size_t> active;
+  std::vector<Candidate> candidates;
   for (size_t i = 0; i < pairs.size(); ++i) {
     RefinedAlignment& r = results[i];
     r.iclk = std::move(alignments[i]);
     r.T_10 = r.iclk.T_10;
     r.status = r.iclk.status;
     r.reason = r.iclk.reason;
-    r.inverse_depth = view(i).features.inverse_depth;
+    r.inverse_depth = aligner_.features(pairs[i].reference).inverse_depth;
     r.stages.push_back({"iclk", r.iclk.T_10, r.iclk.cost, iclk_ms});
-    if (usable(r.status)) active.push_back(i);
+    if (usable(r.status)) candidates.push_back({i, &r, r.T_10, {}});
   }
+  run_rounds(pairs, candidates);
+  internal::for_each_of(candidates.size(), options_.threads, [&](size_t k) {
+    conclude(pairs[candidates[k].pair], candidates[k]);
+  });
+  question(pairs, candidates);
+}
 
-  std::vector<SE3> T(pairs.size());  // the pose that warps the next round
-  std::vector<PoseResult> poses(pairs.size());
-  for (size_t i : active) T[i] = results[i].T_10;
+void Refiner::run_rounds(std::span<const Pair> pairs, std::span<Candidate> candidates) {
+  const auto view = [&](const Candidate& c) { return view_of(aligner_, pairs[c.pair].reference); };
+  std::vector<Candidate*> active;
+  for (Candidate& c : candidates) active.push_back(&c);
   for (int round = 0; round < options_.rounds && !active.empty(); ++round) {
-    std::vector<FeatureAlignmentTask> tasks;
     // Patches that luma has displaced do not show all of a recolouring yet: it is found again where the first one led.
     const auto wants_colours = [&](const RefinedAlignment& r) {
       return options_.feature_alignment.recolour && round + 1 < options_.rounds && (round == 0 || r.recolouring.better());
     };
-    for (size_t i : active)
-      tasks.push_back(
-          {pairs[i].reference, static_cast<int>(i), T[i], results[i].recolouring.weights, wants_colours(results[i])});
+    std::vector<FeatureAlignmentTask> tasks;
+    for (const Candidate* c : active)
+      tasks.push_back({pairs[c->pair].reference, static_cast<int>(c->pair), c->T_10, c->result->recolouring.weights,
+                       wants_colours(*c->result)});
     const Stopwatch alignment_time;
     std::vector<std::vector<AlignedFeature>> aligned = feature_aligner_->align(tasks);
     const double alignment_ms = alignment_time.ms() / static_cast<double>(tasks.size());
 
     std::vector<char> moves(active.size());  // each written by its own thread
     internal::for_each_of(active.size(), options_.threads, [&](size_t k) {
-      const size_t i = active[k];
-      RefinedAlignment& r = results[i];
+      Candidate& c = *active[k];
+      RefinedAlignment& r = *c.result;
       const bool same_set = round > 0 && aligned_set(r.features) == aligned_set(aligned[k]);
       r.features = std::move(aligned[k]);
       r.rounds = round + 1;
       const Recolouring found = wants_colours(r) ? recolour(r.features) : r.recolouring;
       const Stopwatch pose_time;
-      const PoseResult pose = refine_pose(view(i).camera, view(i).features, r.features, T[i], options_.pose);
+      const PoseResult pose = refine_pose(view(c).camera, view(c).features, r.features, c.T_10, options_.pose);
       Stage& alignment_stage = stage(r, "feature_alignment");
-      alignment_stage.T_10 = T[i];
+      alignment_stage.T_10 = c.T_10;
       alignment_stage.cost = pose.initial_cost;
       alignment_stage.ms += alignment_ms;
       Stage& pose_stage = stage(r, "pose");
       pose_stage.T_10 = pose.T_10;
       pose_stage.cost = pose.cost;
       pose_stage.ms += pose_time.ms();
-      poses[i] = pose;
+      c.pose = pose;
       // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
       if (pose.inliers < options_.pose.min_features) return;
-      const std::vector<double> moved = motions(view(i), T[i], pose.T_10);
-      T[i] = pose.T_10;
+      const std::vector<double> moved = motions(view(c), c.T_10, pose.T_10);
+      c.T_10 = pose.T_10;
       const bool recoloured = found.weights != r.recolouring.weights;
       r.recolouring = found;  // what the next round sees
       moves[k] = !(moved.back() <= options_.round_tolerance) || (round > 0 && !same_set) || recoloured;
     });
-    std::vector<size_t> moving;
+    std::vector<Candidate*> moving;
     for (size_t k = 0; k < active.size(); ++k)
       if (moves[k]) moving.push_back(active[k]);
     active = std::move(moving);
   }
+}
 
-  internal::for_each_of(pairs.size(), options_.threads, [&](size_t i) {
-    RefinedAlignment& r = results[i];
-    if (r.rounds == 0) return;
-    const Matrix6d turn_share = options_.rolling_shutter ? unbend(view(i), options_.pose, r, poses[i]) : Matrix6d::Zero();
-    const bool compatible = decide(view(i), poses[i], options_, r);
-    if (!usable(r.status)) {  // T_10 stays ICLK's
-      if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
-        r.reason = r.iclk.reason + "; not refined: " + r.reason;
-        r.status = r.iclk.status;
-        r.covariance = r.iclk.covariance + internal::depth_covariance(view(i).camera, view(i).features, view(i).checks, r.T_10,
-                                                                      poses[i].depth_sigma, ICLK_MAP_SIGMA);
-        r.turn.reset();
-        r.features.clear();  // what was found is not where the pose puts it
-      }
-      return;
+void Refiner::conclude(const Pair& pair, Candidate& c) const {
+  const View view = view_of(aligner_, pair.reference);
+  RefinedAlignment& r = *c.result;
+  if (r.rounds == 0) return;
+  const Matrix6d turn_share = options_.rolling_shutter ? unbend(view, options_.pose, r, c.pose) : Matrix6d::Zero();
+  const bool compatible = decide(view, c.pose, options_, r);
+  if (!usable(r.status)) {  // T_10 stays ICLK's
+    if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
+      r.reason = r.iclk.reason + "; not refined: " + r.reason;
+      r.status = r.iclk.status;
+      r.covariance = r.iclk.covariance +
+                     internal::depth_covariance(view.camera, view.features, view.checks, r.T_10, c.pose.depth_sigma, ICLK_MAP_SIGMA);
+      r.turn.reset();
+      r.features.clear();  // what was found is not where the pose puts it
     }
-    r.refined = true;
-    r.T_10 = poses[i].T_10;
-    r.covariance = poses[i].covariance + turn_share;
-    if (!options_.structure) return;
-    const Stopwatch structure_time;
-    StructureResult s = refine_structure(view(i).camera, view(i).features, straight(view(i), r), r.T_10,
-                                         {options_.pose, options_.relative_sigma});
-    Stage& structure_stage = stage(r, "structure");
-    structure_stage.T_10 = s.pose.T_10;
-    structure_stage.cost = s.pose.cost;
-    structure_stage.ms = structure_time.ms();
-    if (!usable(s.pose.status)) {
-      r.status = s.pose.status;
-      r.reason = "structure: " + s.pose.reason;
-      r.covariance.setZero();
-      return;
-    }
-    r.T_10 = s.pose.T_10;
-    r.covariance = s.pose.covariance + turn_share;
-    r.inverse_depth = std::move(s.inverse_depth);
-    r.inverse_depth_sigma = std::move(s.inverse_depth_sigma);
-    r.inliers = s.pose.inliers;
-    r.sigma = s.pose.sigma;
+    return;
+  }
+  r.refined = true;
+  r.T_10 = c.pose.T_10;
+  r.covariance = c.pose.covariance + turn_share;
+  if (options_.structure) refine_depths(view, options_, turn_share, r);
+}
+
+void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> answers) {
+  std::vector<std::vector<SE3>> starts(answers.size());
+  const auto view = [&](const Candidate& c) { return view_of(aligner_, pairs[c.pair].reference); };
+  internal::for_each_of(answers.size(), options_.threads, [&](size_t k) {
+    const Pair& pair = pairs[answers[k].pair];
+    const View v = view(answers[k]);
+    const RefinedAlignment& answer = *answers[k].result;
+    if (!answer.converged() || !answer.refined || pair.prior) return;
+    starts[k] = internal::find_rivals(aligner_.grey(pair.reference), pair, v.camera, v.features, v.checks, answer.T_10, kRivals);
   });
+  std::vector<std::vector<RefinedAlignment>> found(answers.size());
+  std::vector<Candidate> rivals;
+  for (size_t k = 0; k < answers.size(); ++k) {
+    found[k].resize(starts[k].size());
+    for (size_t j = 0; j < starts[k].size(); ++j) {
+      found[k][j].iclk.T_10 = found[k][j].T_10 = starts[k][j];
+      found[k][j].inverse_depth = answers[k].result->inverse_depth;
+      rivals.push_back({answers[k].pair, &found[k][j], starts[k][j], {}});
+    }
+  }
+  run_rounds(pairs, rivals);
+  for (Candidate& rival : rivals) {
+    conclude(pairs[rival.pair], rival);
+    rival.result->T_10 = rival.pose.T_10;
+  }
+  for (size_t k = 0; k < answers.size(); ++k) {
+    weigh(view(answers[k]), options_, !pairs[answers[k].pair].search, found[k], *answers[k].result);
+  }
 }
 
 }  // namespace iclk

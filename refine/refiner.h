@@ -35,6 +35,7 @@ struct RefinerOptions {
   /// started 1 to 60 px off, 94 % of the poses within 2.5 px of the truth pass (488 tries), and 1 of 537 that are more than 4
   /// px wrong where the features are.
   double min_inlier_share = 0.35;
+  double max_rival_share = 0.4;  ///< of the answer's features: as many that agree on another pose make it Status::ambiguous
   double max_correction = 16;  ///< px, median over the features: the most that the rounds may move the pose that ICLK found
 
   /// Where too few features can be found to confirm or refute a pose on which ICLK converged, ICLK's pose, covariance and
@@ -61,6 +62,12 @@ struct Attempt {
   std::string reason;
 };
 
+/// Another pose that the images show as well.
+struct Rival {
+  SE3 T_10;
+  int inliers = 0;  ///< features that agree on it and do not look clearly better where the answer puts them
+};
+
 /// From ICLK to the refined pose, with every step on the way.
 struct RefinedAlignment {
   Alignment iclk;
@@ -84,6 +91,7 @@ struct RefinedAlignment {
   int visible = 0, aligned = 0,
       inliers = 0;                ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
   double sigma = 0;               ///< px: robust standard deviation of the reprojection residuals
+  std::vector<Rival> rivals;      ///< with Status::ambiguous: what speaks against T_10, the strongest first
   std::string model;              ///< who answered, where a Cascade asked; else empty
   std::vector<Attempt> attempts;  ///< of a Cascade: those that did not settle the pair, and last the one that answered
 
@@ -114,7 +122,17 @@ class Refiner {
   RefinedAlignment align(const Pair& pair) { return std::move(align(std::span(&pair, 1)).front()); }
 
  private:
+  /// A pose on its way through the rounds.
+  struct Candidate {
+    size_t pair = 0;  ///< of the batch
+    RefinedAlignment* result = nullptr;
+    SE3 T_10;  ///< warps the next round
+    PoseResult pose;
+  };
   void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
+  void run_rounds(std::span<const Pair> pairs, std::span<Candidate> candidates);
+  void conclude(const Pair& pair, Candidate& candidate) const;
+  void question(std::span<const Pair> pairs, std::span<const Candidate> answers);
 
   Aligner& aligner_;
   std::unique_ptr<FeatureAligner> feature_aligner_;

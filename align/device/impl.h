@@ -21,6 +21,7 @@ struct DeviceAligner::Impl {
     bool enough = false;
     uint32_t chosen = 0;   // features that the device chooses; then the four before this are empty, and enough is true
     uint64_t version = 0;  // counts the images that were prepared
+    bool on_host = false;  // its pixels are where set_reference() put them
   };
 
   Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,

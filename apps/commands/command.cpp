@@ -7,7 +7,8 @@
 namespace iclk {
 
 const char* const kExitCodesHelp =
-    "Exit codes: 0 converged (or done); 10 max_iterations, 11 low_overlap, 12 degenerate, 13 too_few_features, 14 diverged;\n"
+    "Exit codes: 0 converged (or done); 10 max_iterations, 11 low_overlap, 12 degenerate, 13 too_few_features, 14 diverged,\n"
+    "15 ambiguous;\n"
     "2 wrong usage, 3 bad input, 4 a file cannot be read or written, 5 no Vulkan driver or no such device,\n"
     "6 the device failed, 1 a defect of iclk.";
 
@@ -19,6 +20,7 @@ int exit_code(Status status) {
     case Status::degenerate: return kDegenerate;
     case Status::too_few_features: return kTooFewFeatures;
     case Status::diverged: return kDiverged;
+    case Status::ambiguous: return kAmbiguous;
   }
   return kInternalError;
 }

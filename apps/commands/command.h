@@ -23,6 +23,7 @@ enum ExitCode : int {
   kDegenerate = 12,
   kTooFewFeatures = 13,
   kDiverged = 14,
+  kAmbiguous = 15,
 };
 
 int exit_code(Status status);

@@ -132,6 +132,9 @@ std::string hint(Status status, bool feature_file) {
     case Status::diverged:
       return "the images do not agree: do they show the same place, not rolled by more than 30 degrees (else give "
              "--initial-pose or a nearer frame)? are --camera and --depth-scale right?";
+    case Status::ambiguous:
+      return "another pose explains the images as well: hide with --mask what moves by itself or stands still with the "
+             "camera; where the texture repeats, give --initial-pose";
   }
   return "";
 }

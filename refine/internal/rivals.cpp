@@ -1,0 +1,156 @@
+#include <iclk/refine/internal/rivals.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <iclk/align/search/matching.h>
+#include <iclk/refine/internal/reprojection.h>
+
+namespace iclk::internal {
+namespace {
+
+using Eigen::Vector2d;
+
+constexpr int kNumbers = 4 * ICLK_MATCH_TEXELS;
+constexpr int kPlaces = 4;          // of a feature, at most
+constexpr int kApart = 4;           // pixels of the map between two places
+constexpr int kOwn = 3;             // about the place that the answer explains
+constexpr float kLeastScore = 0.5f; // of a place
+constexpr float kWorse = 0.2f;      // than the best place: no longer a likeness
+constexpr int kHypotheses = 512;
+
+using Descriptors = Eigen::Matrix<float, Eigen::Dynamic, kNumbers, Eigen::RowMajor>;
+
+/// Of every place of the target; zero where its patch is hidden.
+Descriptors describe_places(const Map& map, const MatchLayout& layout) {
+  Descriptors out(layout.places(), kNumbers);
+  std::array<float, ICLK_PATCH_AREA> patch;
+  for (int k = 0; k < layout.places(); ++k) {
+    for (int p = 0; p < ICLK_PATCH_AREA; ++p)
+      patch[static_cast<size_t>(p)] =
+          map.at(k % layout.places_x + p % ICLK_PATCH, k / layout.places_x + p / ICLK_PATCH);
+    const MatchDescriptor d = describe(patch);
+    out.row(k) = Eigen::Map<const Eigen::Matrix<float, 1, kNumbers>>(d.data());
+  }
+  return out;
+}
+
+/// A pixel of the match map: its squares' centre.
+Vector2d to_map(const Vector2d& uv, int scale) { return (uv.array() + 0.5) / scale - 0.5; }
+
+/// The reference's patch as the target would show it.
+MatchDescriptor describe_warped(const Map& map, const Vector2d& centre, const Eigen::Matrix2d& back) {
+  std::array<float, ICLK_PATCH_AREA> patch;
+  for (int p = 0; p < ICLK_PATCH_AREA; ++p) {
+    const Vector2d at = centre + back * Vector2d(p % ICLK_PATCH - 3.5, p / ICLK_PATCH - 3.5);
+    patch[static_cast<size_t>(p)] = static_cast<float>(map.bilinear(at.x(), at.y()));
+  }
+  return describe(patch);
+}
+
+/// The best places, those about `own` left out.
+std::vector<std::pair<float, Vector2d>> places_of(const Eigen::VectorXf& scores, const MatchLayout& layout, const Vector2d& own) {
+  std::vector<std::pair<float, int>> cells;  // the best of each few pixels squared
+  const float least = std::max(kLeastScore, scores.maxCoeff() - kWorse);
+  for (int v0 = 0; v0 < layout.places_y; v0 += kApart)
+    for (int u0 = 0; u0 < layout.places_x; u0 += kApart) {
+      std::pair<float, int> best{least, -1};
+      for (int v = v0; v < std::min(v0 + kApart, layout.places_y); ++v)
+        for (int u = u0; u < std::min(u0 + kApart, layout.places_x); ++u)
+          if (const int k = v * layout.places_x + u; scores[k] > best.first) best = {scores[k], k};
+      if (best.second >= 0) cells.push_back(best);
+    }
+  std::sort(cells.begin(), cells.end(), std::greater<>());
+  std::vector<std::pair<float, Vector2d>> out;
+  for (const auto& [score, k] : cells) {
+    const Vector2d at(k % layout.places_x + 3.5, k / layout.places_x + 3.5);
+    const auto near = [&](const Vector2d& p, double reach) { return (p - at).lpNorm<Eigen::Infinity>() <= reach; };
+    if (near(own, kOwn) || std::any_of(out.begin(), out.end(), [&](const auto& p) { return near(p.second, kApart); })) continue;
+    out.emplace_back(score, at);
+    if (out.size() == kPlaces) break;
+  }
+  return out;
+}
+
+MatchLayout layout_for(const Camera& camera) {
+  AlignerOptions options;
+  options.search.enabled = options.search.matching = true;
+  Plan plan{camera.width, camera.height};
+  plan.max_features = ICLK_MATCH_FEATURES;
+  return MatchLayout(plan, options);
+}
+
+}  // namespace
+
+std::vector<SE3> find_rivals(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
+                             std::span<const FeatureCheck> checks, const SE3& T_10, int most) {
+  const MatchLayout layout = layout_for(camera);
+  if (!layout.enabled || reference.data.empty()) return {};
+  Pyramid target = {grey_map(pair.target)};
+  hide(target, pair.target_mask);
+  const Map map0 = match_map(reference, layout), map1 = match_map(target[0], layout);
+  const Descriptors places = describe_places(map1, layout);
+  const double mean_q = unit_of(features);
+  std::vector<Correspondence> elsewhere;
+  for (int match = 0; match < std::min(features.size(), layout.features); ++match) {
+    const auto i = static_cast<size_t>(matched_feature(match, features.size()));
+    if (checks[i] != FeatureCheck::ok) continue;
+    const PatchWarp warp = warp_patch(camera, features.uv[i], features.inverse_depth[i], T_10);
+    if (!warp.valid) continue;
+    const MatchDescriptor d = describe_warped(map0, to_map(features.uv[i], layout.scale), warp.A.inverse());
+    const Eigen::VectorXf scores = places * Eigen::Map<const Eigen::Matrix<float, kNumbers, 1>>(d.data());
+    const Eigen::Vector3d point = camera.ray(features.uv[i]) * (mean_q / features.inverse_depth[i]);
+    for (const auto& [score, at] : places_of(scores, layout, to_map(warp.uv1, layout.scale)))
+      elsewhere.push_back({point, (at.array() + 0.5) * layout.scale - 0.5, score});
+  }
+  std::stable_sort(elsewhere.begin(), elsewhere.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
+  std::vector<SE3> rivals;
+  while (std::ssize(rivals) < most) {
+    const std::optional<SE3> T = pose_of(elsewhere, camera, mean_q, layout, kHypotheses, 0);
+    if (!T) break;
+    rivals.push_back(*T);
+    const size_t before = elsewhere.size();
+    std::erase_if(elsewhere, [&](const Correspondence& c) {
+      const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
+      return X.z() > 0 && (camera.project(X) - c.pixel).norm() < 2 * ICLK_MATCH_TOLERANCE * layout.scale;
+    });
+    if (elsewhere.size() == before) break;
+  }
+  return rivals;
+}
+
+std::vector<bool> inliers(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                          const SE3& T_10, double inlier_distance) {
+  std::vector<bool> agree(aligned.size());
+  for (size_t i = 0; i < aligned.size(); ++i) {
+    if (aligned[i].status != FeatureStatus::aligned) continue;
+    const PatchWarp warp = warp_patch(camera, features.uv[i], features.inverse_depth[i], T_10);
+    agree[i] = warp.valid && (warp.uv1 - aligned[i].uv1).norm() < inlier_distance;
+  }
+  return agree;
+}
+
+Support support(const Camera& camera, const Features& features, const RefinedAlignment& answer, const RefinedAlignment& rival,
+                double inlier_distance, bool alone) {
+  const auto a = inliers(camera, features, answer.features, answer.T_10, inlier_distance);
+  const auto b = inliers(camera, features, rival.features, rival.T_10, inlier_distance);
+  const auto better = [](const AlignedFeature& one, const AlignedFeature& other) {  // clearly, beyond what noise does
+    return 2 * (1 - one.correlation) + 0.005 < 1 - other.correlation;
+  };
+  Support s;
+  for (size_t i = 0; i < a.size(); ++i) {
+    const AlignedFeature &there = answer.features[i], &here = rival.features[i];
+    s.answer += a[i] && !(b[i] && better(here, there));
+    s.rival += b[i] && !(a[i] && (alone || better(there, here)));
+  }
+  return s;
+}
+
+int count_still(const Features& features, std::span<const AlignedFeature> aligned, const std::vector<bool>& agree) {
+  constexpr double kStill = 0.1;  // px
+  int still = 0;
+  for (size_t i = 0; i < agree.size(); ++i) still += agree[i] && (aligned[i].uv1 - features.uv[i]).norm() < kStill;
+  return still;
+}
+
+}  // namespace iclk::internal
