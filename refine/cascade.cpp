@@ -152,7 +152,7 @@ std::vector<RefinedAlignment> Cascade::align(std::span<const Pair> pairs) {
       RefinedAlignment& r = results[left[k]] = std::move(answers[k]);
       r.model = steps_[step].model;
       r.attempts = std::move(attempts);
-      if (!r.converged()) unsettled.push_back(left[k]);
+      if (!r.converged() && r.status != Status::ambiguous) unsettled.push_back(left[k]);
     }
     left = std::move(unsettled);
   }

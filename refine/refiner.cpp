@@ -147,40 +147,37 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   return verdict.compatible;
 }
 
-/// The answer is the pose among these for which the most features speak, if for every other one far fewer do.
-void weigh(const View& view, const RefinerOptions& options, bool guessed, std::span<RefinedAlignment> rivals,
-           RefinedAlignment& answer) {
-  const auto compare = [&](const RefinedAlignment& a, const RefinedAlignment& b) {
-    return internal::support(view.camera, view.features, a, b, options.pose.inlier_distance, guessed);
-  };
-  const RefinedAlignment* best = &answer;
-  for (const RefinedAlignment& rival : rivals)
-    if (const internal::Support s = compare(*best, rival);
-        rival.converged() && s.answer < options.max_rival_share * s.rival)
-      best = &rival;
+/// Whether one pose has so much for itself that the other explains only what repeats, or a small part that moves by itself.
+bool dominates(const View& view, const RefinerOptions& options, const RefinedAlignment& one, const RefinedAlignment& other) {
+  const internal::Contest c = internal::compare(view.camera, view.features, one, other, options.pose.inlier_distance);
+  return c.first >= options.min_inliers && c.second <= options.max_rival_share * c.first;
+}
+
+/// The answer becomes the pose among these that dominates all others; where none does, it is ambiguous.
+void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
+  RefinedAlignment* best = &answer;
+  for (RefinedAlignment& rival : rivals)
+    if (rival.converged() && dominates(view, options, rival, *best)) best = &rival;
   std::vector<Rival> others;
   const auto consider = [&](const RefinedAlignment& other) {
-    if (&other == best) return;
+    if (&other == best || other.inliers < options.min_inliers) return;
     const std::vector<double> apart = motions(view, best->T_10, other.T_10);
-    if (!(apart[apart.size() / 2] > options.pose.inlier_distance)) return;
-    const internal::Support s = compare(*best, other);
-    if (s.rival >= std::max<double>(options.min_inliers, options.max_rival_share * s.answer))
-      others.push_back({other.T_10, s.rival});
+    if (!(apart[apart.size() / 2] > options.pose.inlier_distance) || dominates(view, options, *best, other)) return;
+    others.push_back({other.T_10, other.inliers});
   };
   consider(answer);
   for (const RefinedAlignment& rival : rivals) consider(rival);
   if (best != &answer) {
-    RefinedAlignment& better = *const_cast<RefinedAlignment*>(best);
-    better.iclk = std::move(answer.iclk);
-    answer = std::move(better);
+    best->iclk = std::move(answer.iclk);
+    answer = std::move(*best);
   }
   if (others.empty()) return;
   std::sort(others.begin(), others.end(), [](const Rival& a, const Rival& b) { return a.inliers > b.inliers; });
   answer.rivals = std::move(others);
   answer.status = Status::ambiguous;
   answer.covariance.setZero();
-  answer.reason = std::to_string(answer.rivals.front().inliers) + " features agree on another pose that explains the images " +
-                  "as well; " + answer.reason;
+  answer.reason = std::to_string(answer.rivals.front().inliers) + " features agree on another pose, which explains the images as "
+                  "well: " + answer.reason;
 }
 
 void refine_depths(const View& view, const RefinerOptions& options, const Matrix6d& turn_share, RefinedAlignment& r) {
@@ -366,7 +363,7 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
     rival.result->T_10 = rival.pose.T_10;
   }
   for (size_t k = 0; k < answers.size(); ++k) {
-    weigh(view(answers[k]), options_, !pairs[answers[k].pair].search, found[k], *answers[k].result);
+    weigh(view(answers[k]), options_, found[k], *answers[k].result);
   }
 }
 

@@ -35,7 +35,8 @@ struct RefinerOptions {
   /// started 1 to 60 px off, 94 % of the poses within 2.5 px of the truth pass (488 tries), and 1 of 537 that are more than 4
   /// px wrong where the features are.
   double min_inlier_share = 0.35;
-  double max_rival_share = 0.4;  ///< of the answer's features: as many that agree on another pose make it Status::ambiguous
+  /// Of the inliers that the answer alone explains: if another pose alone explains a larger share, the status is ambiguous.
+  double max_rival_share = 0.4;
   double max_correction = 16;  ///< px, median over the features: the most that the rounds may move the pose that ICLK found
 
   /// Where too few features can be found to confirm or refute a pose on which ICLK converged, ICLK's pose, covariance and
@@ -65,7 +66,7 @@ struct Attempt {
 /// Another pose that the images show as well.
 struct Rival {
   SE3 T_10;
-  int inliers = 0;  ///< features that agree on it and do not look clearly better where the answer puts them
+  int inliers = 0;  ///< features that agree on it
 };
 
 /// From ICLK to the refined pose, with every step on the way.

@@ -16,10 +16,6 @@ namespace {
 
 constexpr float kMaxDepthSpread =
     0.05f;  // of the patch's depth; a floor seen at 70 degrees spreads by 4 % over 8 px at f = 500
-// Smaller eigenvalue of the mean gradient matrix, (grey / px)^2, grey in [0, 1]: texture well above the noise of an 8-bit
-// camera.
-constexpr float kTexture = 1e-4f;
-constexpr float kResponse = 4;   // of a texture of 1
 constexpr int kMinDistance = 8;  // px: a patch; less in images of fewer than 64 px
 
 struct Pixel {
@@ -204,14 +200,10 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
   };
   const std::vector<Box> buckets = cells(w, h, options.count, options.border);
   std::vector<Pixel> taken;
-  // Good corners on smooth depth first, one a bucket and round; then weaker ones; then depth edges.
-  const struct {
-    float threshold;
-    bool edges;
-  } tiers[] = {{kResponse * kTexture, false}, {0, false}, {0, true}};
-  for (const auto& tier : tiers) {
+  // One a bucket and round, strong or weak, so that no part of the view has more than its share; depth edges come last.
+  for (const bool edges : {false, true}) {
     if (std::ssize(taken) == options.count) break;
-    if (tier.edges)
+    if (edges)
       for (float& x : strength.data) x = std::abs(x);
     std::vector<Box> live = buckets;
     for (bool found = true; found && std::ssize(taken) < options.count;) {
@@ -219,7 +211,7 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
       std::vector<Box> still;  // a bucket without a corner gets none any more
       for (const Box& bucket : live) {
         const Corner corner = strongest(strength, bucket);
-        if (!(corner.strength > tier.threshold)) continue;
+        if (!(corner.strength > 0)) continue;
         round.push_back(corner);
         still.push_back(bucket);
       }

@@ -130,20 +130,23 @@ std::vector<bool> inliers(const Camera& camera, const Features& features, std::s
   return agree;
 }
 
-Support support(const Camera& camera, const Features& features, const RefinedAlignment& answer, const RefinedAlignment& rival,
-                double inlier_distance, bool alone) {
-  const auto a = inliers(camera, features, answer.features, answer.T_10, inlier_distance);
-  const auto b = inliers(camera, features, rival.features, rival.T_10, inlier_distance);
+Contest compare(const Camera& camera, const Features& features, const RefinedAlignment& first, const RefinedAlignment& second,
+                double inlier_distance) {
+  const auto a = inliers(camera, features, first.features, first.T_10, inlier_distance);
+  const auto b = inliers(camera, features, second.features, second.T_10, inlier_distance);
   const auto better = [](const AlignedFeature& one, const AlignedFeature& other) {  // clearly, beyond what noise does
     return 2 * (1 - one.correlation) + 0.005 < 1 - other.correlation;
   };
-  Support s;
+  const auto shows = [](const AlignedFeature& f) {
+    return f.status != FeatureStatus::out_of_image && f.status != FeatureStatus::hidden;
+  };
+  Contest c;
   for (size_t i = 0; i < a.size(); ++i) {
-    const AlignedFeature &there = answer.features[i], &here = rival.features[i];
-    s.answer += a[i] && !(b[i] && better(here, there));
-    s.rival += b[i] && !(a[i] && (alone || better(there, here)));
+    const AlignedFeature &in_first = first.features[i], &in_second = second.features[i];
+    c.first += a[i] && shows(in_second) && !(b[i] && !better(in_first, in_second));
+    c.second += b[i] && shows(in_first) && !(a[i] && !better(in_second, in_first));
   }
-  return s;
+  return c;
 }
 
 int count_still(const Features& features, std::span<const AlignedFeature> aligned, const std::vector<bool>& agree) {

@@ -13,13 +13,12 @@ namespace iclk::internal {
 std::vector<SE3> find_rivals(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
                              std::span<const FeatureCheck> checks, const SE3& T_10, int most);
 
-/// Of a winner and a rival the features that speak for each: its inliers which do not look clearly better where the other pose
-/// puts them. `alone`: of the rival those alone that are no inliers of the answer.
-struct Support {
-  int answer = 0, rival = 0;
+/// What two poses of one pair have for themselves: inliers that the other pose shows too, and does not explain as well.
+struct Contest {
+  int first = 0, second = 0;
 };
-Support support(const Camera& camera, const Features& features, const RefinedAlignment& answer, const RefinedAlignment& rival,
-                double inlier_distance, bool alone);
+Contest compare(const Camera& camera, const Features& features, const RefinedAlignment& first, const RefinedAlignment& second,
+                  double inlier_distance);
 
 /// Inliers of a pose, one flag a feature.
 std::vector<bool> inliers(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
