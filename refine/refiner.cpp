@@ -180,6 +180,27 @@ void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAli
                   "well: " + answer.reason;
 }
 
+internal::Elsewhere look(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,
+                         const RefinedAlignment& answer) {
+  const std::vector<bool> agree =
+      internal::inliers(view.camera, view.features, answer.features, answer.T_10, options.pose.inlier_distance);
+  const double candidates = std::max(shown(view, answer.features, answer.T_10).candidates, 1);
+  return internal::look_elsewhere(reference, pair, view.camera, view.features, view.checks, answer.T_10, agree,
+                                  answer.inliers / candidates, kRivals);
+}
+
+/// What stands still while other features are `seen` elsewhere may be fixed to the camera: a caption, the own vehicle, dirt.
+void doubt_stillness(const View& view, const RefinerOptions& options, int seen, RefinedAlignment& answer) {
+  const int still = internal::count_still(
+      view.features, answer.features,
+      internal::inliers(view.camera, view.features, answer.features, answer.T_10, options.pose.inlier_distance));
+  if (still < options.min_inliers || still < 0.25 * answer.inliers || seen < std::max(5.0, 0.05 * answer.inliers)) return;
+  answer.status = Status::ambiguous;
+  answer.covariance.setZero();
+  answer.reason = std::to_string(still) + " of " + std::to_string(answer.inliers) + " inliers stand still and may be fixed to "
+                  "the camera, while " + std::to_string(seen) + " features are seen elsewhere; " + answer.reason;
+}
+
 void refine_depths(const View& view, const RefinerOptions& options, const Matrix6d& turn_share, RefinedAlignment& r) {
   const Stopwatch time;
   StructureResult s =
@@ -338,23 +359,22 @@ void Refiner::conclude(const Pair& pair, Candidate& c) const {
 }
 
 void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> answers) {
-  std::vector<std::vector<SE3>> starts(answers.size());
+  std::vector<internal::Elsewhere> elsewhere(answers.size());
   const auto view = [&](const Candidate& c) { return view_of(aligner_, pairs[c.pair].reference); };
   internal::for_each_of(answers.size(), options_.threads, [&](size_t k) {
     const Pair& pair = pairs[answers[k].pair];
-    const View v = view(answers[k]);
     const RefinedAlignment& answer = *answers[k].result;
-    if (!answer.converged() || !answer.refined || pair.prior) return;
-    starts[k] = internal::find_rivals(aligner_.grey(pair.reference), pair, v.camera, v.features, v.checks, answer.T_10, kRivals);
+    if (!answer.converged() || !answer.refined || pair.prior || !pair.search) return;  // a guess decides
+    elsewhere[k] = look(view(answers[k]), options_, aligner_.grey(pair.reference), pair, answer);
   });
   std::vector<std::vector<RefinedAlignment>> found(answers.size());
   std::vector<Candidate> rivals;
   for (size_t k = 0; k < answers.size(); ++k) {
-    found[k].resize(starts[k].size());
-    for (size_t j = 0; j < starts[k].size(); ++j) {
-      found[k][j].iclk.T_10 = found[k][j].T_10 = starts[k][j];
+    found[k].resize(elsewhere[k].poses.size());
+    for (size_t j = 0; j < found[k].size(); ++j) {
+      found[k][j].iclk.T_10 = found[k][j].T_10 = elsewhere[k].poses[j];
       found[k][j].inverse_depth = answers[k].result->inverse_depth;
-      rivals.push_back({answers[k].pair, &found[k][j], starts[k][j], {}});
+      rivals.push_back({answers[k].pair, &found[k][j], elsewhere[k].poses[j], {}});
     }
   }
   run_rounds(pairs, rivals);
@@ -363,7 +383,9 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
     rival.result->T_10 = rival.pose.T_10;
   }
   for (size_t k = 0; k < answers.size(); ++k) {
-    weigh(view(answers[k]), options_, found[k], *answers[k].result);
+    RefinedAlignment& answer = *answers[k].result;
+    weigh(view(answers[k]), options_, found[k], answer);
+    if (answer.converged()) doubt_stillness(view(answers[k]), options_, elsewhere[k].seen, answer);
   }
 }
 

@@ -139,6 +139,30 @@ MatchDescriptor describe(const std::array<float, ICLK_PATCH_AREA>& patch) {
   return d;
 }
 
+PlaceDescriptors describe_places(const Map& map, const MatchLayout& layout) {
+  using Rows = Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  const Eigen::Map<const Rows> grey(map.data.data(), map.height, map.width);
+  std::array<Rows, 5> along;  // by horizontal frequency
+  for (int j = 0; j < 5; ++j) {
+    Rows& sum = along[static_cast<size_t>(j)] = Rows::Zero(map.height, layout.places_x);
+    for (int x = 0; x < kPatch; ++x) sum += cosine(j, x) * grey.middleCols(x, layout.places_x);
+  }
+  PlaceDescriptors out(kNumbers, layout.places());
+  for (int n = 0; n < kNumbers; ++n) {
+    const auto [i, j] = kFrequencies[n];
+    const auto weight = static_cast<float>(std::pow(i * i + j * j, 0.25));
+    Eigen::Map<Rows> to(out.row(n).data(), layout.places_y, layout.places_x);
+    to.setZero();
+    for (int y = 0; y < kPatch; ++y)
+      to += weight * cosine(i, y) * along[static_cast<size_t>(j)].middleRows(y, layout.places_y);
+  }
+  const Eigen::Array<float, 1, Eigen::Dynamic> size = out.colwise().squaredNorm();
+  const auto textured = size >= ICLK_MATCH_LEAST * ICLK_MATCH_LEAST && size < 1e30f;  // false for NaN
+  const Eigen::Array<float, 1, Eigen::Dynamic> scale = textured.select(size.rsqrt(), 0.0f);
+  for (int n = 0; n < kNumbers; ++n) out.row(n).array() = textured.select(out.row(n).array() * scale, 0.0f);
+  return out;
+}
+
 Map match_map(const Map& grey, const MatchLayout& layout) {
   Map out(layout.width, layout.height);
   const int s = layout.scale;

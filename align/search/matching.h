@@ -36,6 +36,10 @@ int matched_feature(int match, int count);
 using MatchDescriptor = std::array<float, 4 * ICLK_MATCH_TEXELS>;
 MatchDescriptor describe(const std::array<float, ICLK_PATCH_AREA>& patch);
 
+/// describe() of every place of a map, one a column.
+using PlaceDescriptors = Eigen::Matrix<float, 4 * ICLK_MATCH_TEXELS, Eigen::Dynamic, Eigen::RowMajor>;
+PlaceDescriptors describe_places(const Map& map, const MatchLayout& layout);
+
 /// Means of squares of `layout.scale` pixels of a grey map of level 0.
 Map match_map(const Map& grey, const MatchLayout& layout);
 

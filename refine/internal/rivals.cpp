@@ -12,28 +12,19 @@ namespace {
 using Eigen::Vector2d;
 
 constexpr int kNumbers = 4 * ICLK_MATCH_TEXELS;
-constexpr int kPlaces = 4;          // of a feature, at most
-constexpr int kApart = 4;           // pixels of the map between two places
-constexpr int kOwn = 3;             // about the place that the answer explains
-constexpr float kLeastScore = 0.5f; // of a place
-constexpr float kWorse = 0.2f;      // than the best place: no longer a likeness
+constexpr int kPlaces = 4;            // of a feature, at most
+constexpr int kApart = 4;             // pixels of the map between two places
+constexpr int kOwn = 3;               // about the place that the answer explains
+constexpr float kLeastScore = 0.5f;   // of a place
+constexpr float kWorse = 0.2f;        // than the best place: no longer a likeness
+constexpr float kClear = 0.8f;        // score of a place at which a feature is seen for certain,
+constexpr float kClearlyBetter = 0.15f;  // and as much more than where the answer puts it
+constexpr int kSample = 32;           // features that are looked at first
+constexpr double kExplained = 0.85;   // share of features with texture that leaves little to another pose,
+constexpr double kAlike = 0.15;       // unless so many look like another place
 constexpr int kHypotheses = 512;
 
-using Descriptors = Eigen::Matrix<float, Eigen::Dynamic, kNumbers, Eigen::RowMajor>;
-
-/// Of every place of the target; zero where its patch is hidden.
-Descriptors describe_places(const Map& map, const MatchLayout& layout) {
-  Descriptors out(layout.places(), kNumbers);
-  std::array<float, ICLK_PATCH_AREA> patch;
-  for (int k = 0; k < layout.places(); ++k) {
-    for (int p = 0; p < ICLK_PATCH_AREA; ++p)
-      patch[static_cast<size_t>(p)] =
-          map.at(k % layout.places_x + p % ICLK_PATCH, k / layout.places_x + p / ICLK_PATCH);
-    const MatchDescriptor d = describe(patch);
-    out.row(k) = Eigen::Map<const Eigen::Matrix<float, 1, kNumbers>>(d.data());
-  }
-  return out;
-}
+using Scores = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// A pixel of the match map: its squares' centre.
 Vector2d to_map(const Vector2d& uv, int scale) { return (uv.array() + 0.5) / scale - 0.5; }
@@ -49,7 +40,7 @@ MatchDescriptor describe_warped(const Map& map, const Vector2d& centre, const Ei
 }
 
 /// The best places, those about `own` left out.
-std::vector<std::pair<float, Vector2d>> places_of(const Eigen::VectorXf& scores, const MatchLayout& layout, const Vector2d& own) {
+std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::RowVectorXf>& scores, const MatchLayout& layout, const Vector2d& own) {
   std::vector<std::pair<float, int>> cells;  // the best of each few pixels squared
   const float least = std::max(kLeastScore, scores.maxCoeff() - kWorse);
   for (int v0 = 0; v0 < layout.places_y; v0 += kApart)
@@ -72,6 +63,39 @@ std::vector<std::pair<float, Vector2d>> places_of(const Eigen::VectorXf& scores,
   return out;
 }
 
+/// The best score of the places next to a pixel of the map.
+float score_near(const Eigen::Ref<const Eigen::RowVectorXf>& scores, const MatchLayout& layout, const Vector2d& at) {
+  const auto u0 = static_cast<int>(std::lround(at.x() - 3.5)), v0 = static_cast<int>(std::lround(at.y() - 3.5));
+  float best = -1;
+  for (int v = std::max(v0 - 1, 0); v <= std::min(v0 + 1, layout.places_y - 1); ++v)
+    for (int u = std::max(u0 - 1, 0); u <= std::min(u0 + 1, layout.places_x - 1); ++u)
+      best = std::max(best, scores[v * layout.places_x + u]);
+  return best;
+}
+
+struct Sought {
+  size_t feature;
+  Vector2d own;  // where the answer puts it, pixels of the map
+  Eigen::Matrix<float, 1, kNumbers> descriptor;
+};
+
+/// In an order in which the first ones are spread over all.
+std::vector<Sought> seek(const Map& map0, const Camera& camera, const Features& features, std::span<const FeatureCheck> checks,
+                         const SE3& T_10, const MatchLayout& layout) {
+  std::vector<Sought> out;
+  const int count = std::min(features.size(), layout.features), stride = std::max(count / kSample, 1);
+  for (int offset = 0; offset < stride; ++offset)
+    for (int match = offset; match < count; match += stride) {
+      const auto i = static_cast<size_t>(matched_feature(match, features.size()));
+      if (checks[i] != FeatureCheck::ok) continue;
+      const PatchWarp warp = warp_patch(camera, features.uv[i], features.inverse_depth[i], T_10);
+      if (!warp.valid) continue;
+      const MatchDescriptor d = describe_warped(map0, to_map(features.uv[i], layout.scale), warp.A.inverse());
+      out.push_back({i, to_map(warp.uv1, layout.scale), Eigen::Map<const Eigen::Matrix<float, 1, kNumbers>>(d.data())});
+    }
+  return out;
+}
+
 MatchLayout layout_for(const Camera& camera) {
   AlignerOptions options;
   options.search.enabled = options.search.matching = true;
@@ -82,33 +106,42 @@ MatchLayout layout_for(const Camera& camera) {
 
 }  // namespace
 
-std::vector<SE3> find_rivals(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
-                             std::span<const FeatureCheck> checks, const SE3& T_10, int most) {
+Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
+                         std::span<const FeatureCheck> checks, const SE3& T_10, const std::vector<bool>& agree, double explained,
+                         int most) {
+  Elsewhere out;
   const MatchLayout layout = layout_for(camera);
-  if (!layout.enabled || reference.data.empty()) return {};
+  if (!layout.enabled || reference.data.empty()) return out;
   Pyramid target = {grey_map(pair.target)};
   hide(target, pair.target_mask);
   const Map map0 = match_map(reference, layout), map1 = match_map(target[0], layout);
-  const Descriptors places = describe_places(map1, layout);
+  const PlaceDescriptors places = describe_places(map1, layout);
   const double mean_q = unit_of(features);
+  const std::vector<Sought> sought = seek(map0, camera, features, checks, T_10, layout);
   std::vector<Correspondence> elsewhere;
-  for (int match = 0; match < std::min(features.size(), layout.features); ++match) {
-    const auto i = static_cast<size_t>(matched_feature(match, features.size()));
-    if (checks[i] != FeatureCheck::ok) continue;
-    const PatchWarp warp = warp_patch(camera, features.uv[i], features.inverse_depth[i], T_10);
-    if (!warp.valid) continue;
-    const MatchDescriptor d = describe_warped(map0, to_map(features.uv[i], layout.scale), warp.A.inverse());
-    const Eigen::VectorXf scores = places * Eigen::Map<const Eigen::Matrix<float, kNumbers, 1>>(d.data());
-    const Eigen::Vector3d point = camera.ray(features.uv[i]) * (mean_q / features.inverse_depth[i]);
-    for (const auto& [score, at] : places_of(scores, layout, to_map(warp.uv1, layout.scale)))
-      elsewhere.push_back({point, (at.array() + 0.5) * layout.scale - 0.5, score});
+  int alike = 0;
+  for (size_t first = 0; first < sought.size(); first += kSample) {
+    if (first > 0 && explained >= kExplained && alike < kAlike * static_cast<double>(first)) return out;
+    const auto count = static_cast<Eigen::Index>(std::min<size_t>(kSample, sought.size() - first));
+    Eigen::Matrix<float, Eigen::Dynamic, kNumbers, Eigen::RowMajor> wanted(count, kNumbers);
+    for (Eigen::Index k = 0; k < count; ++k) wanted.row(k) = sought[first + static_cast<size_t>(k)].descriptor;
+    const Scores scores = wanted * places;
+    for (Eigen::Index k = 0; k < count; ++k) {
+      const Sought& s = sought[first + static_cast<size_t>(k)];
+      const auto found = places_of(scores.row(k), layout, s.own);
+      if (found.empty()) continue;
+      const float here = score_near(scores.row(k), layout, s.own);
+      alike += found.front().first > here - kWorse;
+      out.seen += !agree[s.feature] && found.front().first > kClear && found.front().first > here + kClearlyBetter;
+      const Eigen::Vector3d point = camera.ray(features.uv[s.feature]) * (mean_q / features.inverse_depth[s.feature]);
+      for (const auto& [score, at] : found) elsewhere.push_back({point, (at.array() + 0.5) * layout.scale - 0.5, score});
+    }
   }
   std::stable_sort(elsewhere.begin(), elsewhere.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
-  std::vector<SE3> rivals;
-  while (std::ssize(rivals) < most) {
+  while (std::ssize(out.poses) < most) {
     const std::optional<SE3> T = pose_of(elsewhere, camera, mean_q, layout, kHypotheses, 0);
     if (!T) break;
-    rivals.push_back(*T);
+    out.poses.push_back(*T);
     const size_t before = elsewhere.size();
     std::erase_if(elsewhere, [&](const Correspondence& c) {
       const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
@@ -116,7 +149,7 @@ std::vector<SE3> find_rivals(const Map& reference, const Pair& pair, const Camer
     });
     if (elsewhere.size() == before) break;
   }
-  return rivals;
+  return out;
 }
 
 std::vector<bool> inliers(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,

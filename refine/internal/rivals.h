@@ -7,22 +7,30 @@
 
 namespace iclk::internal {
 
-/// Poses on which features agree by places that look like them and that `T_10` does not explain: one tile further, the
-/// background behind what moves, the scene behind a caption. At most `most`, those with the most features first. Patches are
-/// compared as `T_10` warps them. `reference`: of level 0; an empty map has no rivals.
-std::vector<SE3> find_rivals(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
-                             std::span<const FeatureCheck> checks, const SE3& T_10, int most);
+/// Inliers of a pose, one flag a feature.
+std::vector<bool> inliers(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
+                          const SE3& T_10, double inlier_distance);
+
+/// What the target shows elsewhere than an answer puts it.
+struct Elsewhere {
+  /// Poses on which features agree by places that look like them: one tile further, the background behind what moves, the
+  /// scene behind a caption. Those with the most features first.
+  std::vector<SE3> poses;
+  int seen = 0;  ///< features that do not agree with the answer and are seen clearly at another place
+};
+/// `reference`: of level 0; an empty map shows nothing. `agree`: inliers() of the answer, `explained` their share of the
+/// features with texture. Patches are compared as the answer warps them. At most `most` poses; none where nearly all is
+/// explained and little looks like another place.
+Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
+                         std::span<const FeatureCheck> checks, const SE3& T_10, const std::vector<bool>& agree, double explained,
+                         int most);
 
 /// What two poses of one pair have for themselves: inliers that the other pose shows too, and does not explain as well.
 struct Contest {
   int first = 0, second = 0;
 };
 Contest compare(const Camera& camera, const Features& features, const RefinedAlignment& first, const RefinedAlignment& second,
-                  double inlier_distance);
-
-/// Inliers of a pose, one flag a feature.
-std::vector<bool> inliers(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
-                          const SE3& T_10, double inlier_distance);
+                double inlier_distance);
 
 /// How many of the features that `agree` are where the reference has them, to a tenth of a pixel.
 int count_still(const Features& features, std::span<const AlignedFeature> aligned, const std::vector<bool>& agree);
