@@ -138,6 +138,32 @@ std::vector<RefinedAlignment> Cascade::align(std::span<const Pair> pairs) {
     if (reference(pairs[i].reference) == nullptr)
       throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
                                                    std::to_string(pairs[i].reference) + " was not set; call set_reference");
+  std::vector<RefinedAlignment> results = settle(pairs);
+  for (size_t i = 0; i < pairs.size(); ++i)
+    if (!results[i].fixed.empty()) look_past_overlay(pairs[i], results[i]);
+  return results;
+}
+
+void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
+  Keyframe& keyframe = keyframes_[static_cast<size_t>(pair.reference)];
+  std::vector<double>& q = keyframe.reference.features.inverse_depth;
+  const std::vector<double> whole = q;
+  int fixed = 0;
+  for (size_t i = 0; i < q.size(); ++i)
+    if (result.fixed[i]) q[i] = 0, ++fixed;  // such a feature takes no part
+  keyframe.version = ++versions_;
+  RefinedAlignment other = settle({&pair, 1}).front();
+  q = whole;
+  keyframe.version = ++versions_;
+  if (!other.converged() || other.inliers <= fixed) return;
+  other.fixed = std::move(result.fixed);
+  for (size_t i = 0; i < whole.size(); ++i)
+    if (other.fixed[i]) other.inverse_depth[i] = whole[i];
+  other.reason += "; " + std::to_string(fixed) + " features that stand still with the camera left out";
+  result = std::move(other);
+}
+
+std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> pairs) {
   std::vector<RefinedAlignment> results(pairs.size());
   std::vector<size_t> left(pairs.size());
   for (size_t i = 0; i < left.size(); ++i) left[i] = i;

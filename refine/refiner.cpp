@@ -17,7 +17,7 @@
 namespace iclk {
 namespace {
 
-constexpr int kRivals = 3;  // poses that are tried beside an answer
+constexpr int kRivals = 6;  // poses that are tried beside an answer
 
 class Stopwatch {
  public:
@@ -150,7 +150,7 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
 /// Whether one pose has so much for itself that the other explains only what repeats, or a small part that moves by itself.
 bool dominates(const View& view, const RefinerOptions& options, const RefinedAlignment& one, const RefinedAlignment& other) {
   const internal::Contest c = internal::compare(view.camera, view.features, one, other, options.pose.inlier_distance);
-  return c.first >= options.min_inliers && c.second <= options.max_rival_share * c.first;
+  return c.first >= std::max<double>(options.min_inliers, 0.1 * one.inliers) && c.second <= options.max_rival_share * c.first;
 }
 
 /// The answer becomes the pose among these that dominates all others; where none does, it is ambiguous.
@@ -182,23 +182,40 @@ void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAli
 
 internal::Elsewhere look(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,
                          const RefinedAlignment& answer) {
+  if (!answer.refined)
+    return internal::look_elsewhere(reference, pair, view.camera, view.features, view.checks, answer.T_10,
+                                    std::vector<bool>(view.checks.size()), 0, kRivals);
   const std::vector<bool> agree =
       internal::inliers(view.camera, view.features, answer.features, answer.T_10, options.pose.inlier_distance);
   const double candidates = std::max(shown(view, answer.features, answer.T_10).candidates, 1);
-  return internal::look_elsewhere(reference, pair, view.camera, view.features, view.checks, answer.T_10, agree,
-                                  answer.inliers / candidates, kRivals);
+  const auto still = internal::still(view.camera, view.features, answer, options.pose.inlier_distance);
+  const double explained = static_cast<double>(answer.inliers - std::count(still.begin(), still.end(), true)) / candidates;
+  return internal::look_elsewhere(reference, pair, view.camera, view.features, view.checks, answer.T_10, agree, explained,
+                                  kRivals);
+}
+
+/// A pose that the features confirm is better than a model's that they do not.
+void prefer_confirmed(std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
+  RefinedAlignment* best = nullptr;
+  for (RefinedAlignment& rival : rivals)
+    if (rival.converged() && (!best || rival.inliers > best->inliers)) best = &rival;
+  if (!best) return;
+  best->iclk = std::move(answer.iclk);
+  answer = std::move(*best);
 }
 
 /// What stands still while other features are `seen` elsewhere may be fixed to the camera: a caption, the own vehicle, dirt.
 void doubt_stillness(const View& view, const RefinerOptions& options, int seen, RefinedAlignment& answer) {
-  const int still = internal::count_still(
-      view.features, answer.features,
-      internal::inliers(view.camera, view.features, answer.features, answer.T_10, options.pose.inlier_distance));
-  if (still < options.min_inliers || still < 0.25 * answer.inliers || seen < std::max(5.0, 0.05 * answer.inliers)) return;
+  const auto count = static_cast<int>(view.checks.size());
+  std::vector<bool> still = internal::still(view.camera, view.features, answer, options.pose.inlier_distance);
+  const auto standing = static_cast<int>(std::count(still.begin(), still.end(), true));
+  const int inliers = answer.refined ? answer.inliers : count;
+  if (standing < options.min_inliers || standing < 0.25 * inliers || seen < std::max(3.0, 0.02 * inliers)) return;
+  answer.fixed = std::move(still);
   answer.status = Status::ambiguous;
   answer.covariance.setZero();
-  answer.reason = std::to_string(still) + " of " + std::to_string(answer.inliers) + " inliers stand still and may be fixed to "
-                  "the camera, while " + std::to_string(seen) + " features are seen elsewhere; " + answer.reason;
+  answer.reason = std::to_string(standing) + " features of " + std::to_string(inliers) + " stand still and may be fixed to the "
+                  "camera, while " + std::to_string(seen) + " are seen elsewhere; " + answer.reason;
 }
 
 void refine_depths(const View& view, const RefinerOptions& options, const Matrix6d& turn_share, RefinedAlignment& r) {
@@ -364,7 +381,7 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
   internal::for_each_of(answers.size(), options_.threads, [&](size_t k) {
     const Pair& pair = pairs[answers[k].pair];
     const RefinedAlignment& answer = *answers[k].result;
-    if (!answer.converged() || !answer.refined || pair.prior || !pair.search) return;  // a guess decides
+    if (!answer.converged() || pair.prior || !pair.search) return;  // a guess decides
     elsewhere[k] = look(view(answers[k]), options_, aligner_.grey(pair.reference), pair, answer);
   });
   std::vector<std::vector<RefinedAlignment>> found(answers.size());
@@ -384,7 +401,7 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
   }
   for (size_t k = 0; k < answers.size(); ++k) {
     RefinedAlignment& answer = *answers[k].result;
-    weigh(view(answers[k]), options_, found[k], answer);
+    answer.refined ? weigh(view(answers[k]), options_, found[k], answer) : prefer_confirmed(found[k], answer);
     if (answer.converged()) doubt_stillness(view(answers[k]), options_, elsewhere[k].seen, answer);
   }
 }

@@ -93,6 +93,9 @@ struct RefinedAlignment {
       inliers = 0;                ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
   double sigma = 0;               ///< px: robust standard deviation of the reprojection residuals
   std::vector<Rival> rivals;      ///< with Status::ambiguous: what speaks against T_10, the strongest first
+  /// One a feature: it stands still while the camera moves, as a caption or the own vehicle does. Empty where nothing does. A
+  /// Cascade finds the pose without these.
+  std::vector<bool> fixed;
   std::string model;              ///< who answered, where a Cascade asked; else empty
   std::vector<Attempt> attempts;  ///< of a Cascade: those that did not settle the pair, and last the one that answered
 

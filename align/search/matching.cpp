@@ -249,6 +249,15 @@ double repeats(const std::vector<Correspondence>& all) {
   return static_cast<double>(alike) / static_cast<double>(std::max<size_t>(all.size(), 1));
 }
 
+std::array<uint32_t, 3> three_of(uint32_t count, uint32_t number) {
+  const uint32_t i = hash(3 * number) % count;
+  uint32_t j = hash(3 * number + 1) % (count - 1), k = hash(3 * number + 2) % (count - 2);
+  j += j >= i;
+  k += k >= std::min(i, j);
+  k += k >= std::max(i, j);
+  return {i, j, k};
+}
+
 std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera& camera, double mean_inverse_depth,
                            const MatchLayout& layout, int hypotheses, double share_of_all) {
   const auto count = static_cast<uint32_t>(all.size());
@@ -261,11 +270,7 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
   std::array<Hypothesis, ICLK_MATCH_GROUP> best;  // one of each share of the hypotheses
   for (uint32_t number = 0; number < static_cast<uint32_t>(hypotheses); ++number) {
     const uint32_t pool = number % 2 == 0 ? count : std::min(count, std::max(count / 4, 12u));
-    const uint32_t i = hash(3 * number) % pool;
-    uint32_t j = hash(3 * number + 1) % (pool - 1), k = hash(3 * number + 2) % (pool - 2);
-    j += j >= i;
-    k += k >= std::min(i, j);
-    k += k >= std::max(i, j);
+    const auto [i, j, k] = three_of(pool, number);
     Hypothesis& share = best[number % ICLK_MATCH_GROUP];
     const std::array<Vector3d, 3> points = {all[i].point, all[j].point, all[k].point};
     for (const SE3& T : p3p(points, {camera.ray(all[i].pixel), camera.ray(all[j].pixel), camera.ray(all[k].pixel)})) {

@@ -64,6 +64,9 @@ double repeats(const std::vector<Correspondence>& correspondences);
 std::optional<SE3> pose_of(const std::vector<Correspondence>& correspondences, const Camera& camera, double mean_inverse_depth,
                            const MatchLayout& layout, int hypotheses, double share);
 
+/// Three different numbers below `count`, at least 3, drawn for hypothesis `number`: the same on every machine.
+std::array<uint32_t, 3> three_of(uint32_t count, uint32_t number);
+
 struct MatchedStart {
   std::optional<SE3> T_10;
   double repeats = 0;  ///< Ending::repeats

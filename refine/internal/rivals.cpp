@@ -12,7 +12,7 @@ namespace {
 using Eigen::Vector2d;
 
 constexpr int kNumbers = 4 * ICLK_MATCH_TEXELS;
-constexpr int kPlaces = 4;            // of a feature, at most
+constexpr size_t kBest = 2, kNear = 6;  // places of a feature: the most alike, and of those as alike the nearest to its own
 constexpr int kApart = 4;             // pixels of the map between two places
 constexpr int kOwn = 3;               // about the place that the answer explains
 constexpr float kLeastScore = 0.5f;   // of a place
@@ -58,7 +58,13 @@ std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::
     const auto near = [&](const Vector2d& p, double reach) { return (p - at).lpNorm<Eigen::Infinity>() <= reach; };
     if (near(own, kOwn) || std::any_of(out.begin(), out.end(), [&](const auto& p) { return near(p.second, kApart); })) continue;
     out.emplace_back(score, at);
-    if (out.size() == kPlaces) break;
+  }
+  if (out.size() > kBest + kNear) {  // a wall of tiles has hundreds
+    const auto by_distance = [&](const auto& a, const auto& b) {
+      return (a.second - own).squaredNorm() < (b.second - own).squaredNorm();
+    };
+    std::partial_sort(out.begin() + kBest, out.begin() + kBest + kNear, out.end(), by_distance);
+    out.resize(kBest + kNear);
   }
   return out;
 }
@@ -182,11 +188,20 @@ Contest compare(const Camera& camera, const Features& features, const RefinedAli
   return c;
 }
 
-int count_still(const Features& features, std::span<const AlignedFeature> aligned, const std::vector<bool>& agree) {
+std::vector<bool> still(const Camera& camera, const Features& features, const RefinedAlignment& answer, double inlier_distance) {
   constexpr double kStill = 0.1;  // px
-  int still = 0;
-  for (size_t i = 0; i < agree.size(); ++i) still += agree[i] && (aligned[i].uv1 - features.uv[i]).norm() < kStill;
-  return still;
+  std::vector<bool> out(features.uv.size());
+  if (answer.refined) {
+    out = inliers(camera, features, answer.features, answer.T_10, inlier_distance);
+    for (size_t i = 0; i < out.size(); ++i) out[i] = out[i] && (answer.features[i].uv1 - features.uv[i]).norm() < kStill;
+    return out;
+  }
+  for (size_t i = 0; i < out.size(); ++i) {
+    if (!(features.inverse_depth[i] > 0)) continue;
+    const PatchWarp warp = warp_patch(camera, features.uv[i], features.inverse_depth[i], answer.T_10);
+    out[i] = warp.valid && (warp.uv1 - features.uv[i]).norm() < inlier_distance;
+  }
+  return out;
 }
 
 }  // namespace iclk::internal

@@ -32,7 +32,8 @@ struct Contest {
 Contest compare(const Camera& camera, const Features& features, const RefinedAlignment& first, const RefinedAlignment& second,
                 double inlier_distance);
 
-/// How many of the features that `agree` are where the reference has them, to a tenth of a pixel.
-int count_still(const Features& features, std::span<const AlignedFeature> aligned, const std::vector<bool>& agree);
+/// Inliers that are where the reference has them, to a tenth of a pixel; of a pose that is not refined, features that it moves
+/// by no more than `inlier_distance`.
+std::vector<bool> still(const Camera& camera, const Features& features, const RefinedAlignment& answer, double inlier_distance);
 
 }  // namespace iclk::internal

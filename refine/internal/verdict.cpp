@@ -5,6 +5,11 @@
 #include <sstream>
 
 namespace iclk::internal {
+namespace {
+
+constexpr double kRefuted = 0.6;  // share of the aligned features that agree on the pose: fewer speak against it
+
+}  // namespace
 
 Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const Recolouring& recolouring,
               const RefinerOptions& options) {
@@ -19,7 +24,9 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   if (e.inliers < needed) {
     why << "the features do not confirm the pose: " << e.inliers << " agree on it, " << needed << " of " << e.candidates
         << " with texture inside the target needed; " << summary(features);
-    return end(Status::diverged);
+    // Enough were found to confirm the pose, and did not.
+    const bool refuted = e.aligned >= needed && e.inliers < kRefuted * e.aligned;
+    return end(Status::diverged, !refuted);
   }
   if (!usable(e.pose_status)) {
     why << "pose refinement: " << e.pose_reason;
