@@ -60,9 +60,12 @@ Fields to_dict(const RefinedAlignment& result, const Reference& reference) {
   out["inliers"] = result.inliers;
   out["sigma"] = result.sigma;
   out["model"] = result.model;
-  nb::list attempts, stages;
+  nb::list attempts, stages, rivals;
   for (const Attempt& a : result.attempts) attempts.append(nb::make_tuple(a.model, name(a.status), a.reason));
   for (const Stage& s : result.stages) stages.append(nb::make_tuple(s.name, to_array(s.T_10), s.cost, s.ms));
+  for (const Rival& r : result.rivals) rivals.append(nb::make_tuple(to_array(r.T_10), r.inliers));
+  out["rivals"] = rivals;
+  out["static_overlay"] = std::count(result.fixed.begin(), result.fixed.end(), true);
   out["attempts"] = attempts;
   out["stages"] = stages;
   return out;

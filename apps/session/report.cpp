@@ -149,6 +149,12 @@ Json attempts(const RefinedAlignment& result) {
   return list;
 }
 
+Json rivals(const RefinedAlignment& result) {
+  Json list = Json::array();
+  for (const Rival& r : result.rivals) list.push_back({{"T_10", matrix_json(r.T_10.matrix())}, {"inliers", r.inliers}});
+  return list;
+}
+
 std::string model_line(const RefinedAlignment& result) {
   std::string before;
   for (size_t i = 0; i + 1 < result.attempts.size(); ++i)
@@ -173,6 +179,8 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
           {"T_10", matrix_json(result.T_10.matrix())},
           {"covariance", matrix_json(covariance_or_nan(result))},
           {"turn", result.turn ? Json{result.turn->x(), result.turn->y(), result.turn->z()} : Json(nullptr)},
+          {"rivals", rivals(result)},
+          {"static_overlay", std::count(result.fixed.begin(), result.fixed.end(), true)},
           {"stages", stages(pair, result)},
           {"levels", levels(result.iclk)},
           {"features", features(pair, result)},
@@ -225,6 +233,10 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   if (result.turn)
     out += formatted("shutter    rows read one by one: bent by %.2f deg of turning, which is taken out\n",
                      kDegrees * result.turn->norm());
+  if (const auto fixed = std::count(result.fixed.begin(), result.fixed.end(), true); fixed > 0)
+    out += formatted("overlay    %d features stand still with the camera\n", static_cast<int>(fixed));
+  for (const Rival& r : result.rivals)
+    out += formatted("rival      %d features agree on %s\n", r.inliers, tum_line(r.T_10).c_str());
   out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
   out += formatted("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
   if (has_covariance(result)) {

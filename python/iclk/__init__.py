@@ -16,13 +16,14 @@ from ._devices import Device, devices
 from ._errors import Error, InvalidArgument
 from ._models import model_info
 from ._render import RenderedPair, Terrain
-from ._results import Alignment, Attempt, Stage, Status
+from ._results import Alignment, Attempt, Rival, Stage, Status
 from ._track import TrackedFrame, Tracker
 
 __all__ = [
     "Aligner",
     "Alignment",
     "Attempt",
+    "Rival",
     "DepthMap",
     "Device",
     "Error",

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
-Status = Literal["converged", "max_iterations", "low_overlap", "degenerate", "too_few_features", "diverged"]
+Status = Literal["converged", "max_iterations", "low_overlap", "degenerate", "too_few_features", "diverged", "ambiguous"]
 
 
 class Attempt(NamedTuple):
@@ -27,6 +27,13 @@ class Stage(NamedTuple):
     T_10: Floats  #: 4 x 4
     cost: float
     ms: float  #: a batch's time is shared evenly by its pairs
+
+
+class Rival(NamedTuple):
+    """Another pose that the images show as well."""
+
+    T_10: Floats  #: 4 x 4
+    inliers: int  #: features that agree on it
 
 
 @dataclass(frozen=True)
@@ -51,6 +58,8 @@ class Alignment:
     agreement: float
     inliers: int  #: features that were aligned and agree on the pose
     sigma: float  #: px, robust standard deviation of the reprojection residuals
+    rivals: list[Rival]  #: with the status "ambiguous"; the one with the most features first
+    static_overlay: int  #: features that stand still with the camera, as a caption does; if converged, T_10 is of the others
     model: str  #: who answered
     attempts: list[Attempt]
     stages: list[Stage]
@@ -68,6 +77,7 @@ class Alignment:
     @staticmethod
     def _of(fields: dict[str, Any]) -> Alignment:
         fields["attempts"] = [Attempt(*a) for a in fields["attempts"]]
+        fields["rivals"] = [Rival(*r) for r in fields["rivals"]]
         fields["stages"] = [Stage(*s) for s in fields["stages"]]
         return Alignment(**fields)
 

@@ -1,0 +1,183 @@
+// What another pose explains as well is no claim: walls of tiles, captions, own vehicles, things that move by themselves.
+#include <functional>
+
+#include <gtest/gtest.h>
+#include <iclk/align/cpu_aligner.h>
+#include <iclk/refine/cascade.h>
+
+#include "../support/relief.h"
+
+namespace iclk {
+namespace {
+
+using test::Frame;
+
+constexpr double kDistance = 4;
+const Camera kCamera{260, 260, 159.5, 119.5, 320, 240};
+
+/// A wall at kDistance, its grey values by X and Y in metres.
+Frame render(const std::function<double(double, double)>& wall, const SE3& T_10, uint32_t seed) {
+  Frame frame{kCamera.width, kCamera.height, std::vector<float>(static_cast<size_t>(kCamera.width * kCamera.height))};
+  const SE3 T_01 = T_10.inverse();
+  std::mt19937 random(seed);
+  std::normal_distribution<double> noise(0, 0.004);
+  for (int v = 0; v < frame.height; ++v)
+    for (int u = 0; u < frame.width; ++u) {
+      const Eigen::Vector3d ray = T_01.R * kCamera.ray(Eigen::Vector2d(u, v));
+      const Eigen::Vector3d X = T_01.t + ray * ((kDistance - T_01.t.z()) / ray.z());
+      frame.at(u, v) = static_cast<float>(wall(X.x(), X.y()) + noise(random));
+    }
+  return frame;
+}
+
+Features lattice(double depth) {
+  Features f;
+  for (int v = 16; v < kCamera.height - 16; v += 16)
+    for (int u = 16; u < kCamera.width - 16; u += 16) {
+      f.uv.emplace_back(u, v);
+      f.inverse_depth.push_back(1 / depth);
+    }
+  return f;
+}
+
+/// Waves that repeat every `period` m where it is positive.
+class Waves {
+ public:
+  Waves(double period, uint32_t seed) {
+    std::mt19937 random(seed);
+    const auto uniform = [&] { return static_cast<double>(random()) / 4294967296.0; };
+    for (int k = 0; k < 30; ++k) {
+      const double size = 2 + 22 * uniform(), way = 2 * M_PI * uniform();
+      double fx = size * std::cos(way), fy = size * std::sin(way);
+      if (period > 0) {
+        fx = 2 * M_PI / period * std::round(fx / 4);
+        fy = 2 * M_PI / period * std::round(fy / 4);
+      }
+      waves_.push_back({fx, fy, 2 * M_PI * uniform()});
+    }
+  }
+  double operator()(double x, double y) const {
+    double sum = 0;
+    for (const auto& [fx, fy, phase] : waves_) sum += std::sin(fx * x + fy * y + phase);
+    return sum;
+  }
+
+ private:
+  std::vector<std::array<double, 3>> waves_;
+};
+
+double error(const SE3& T, const SE3& truth) {  // px, the worst of the lattice
+  double most = 0;
+  for (const Eigen::Vector2d& uv : lattice(kDistance).uv) {
+    const Eigen::Vector3d X = kCamera.ray(uv) * kDistance;
+    most = std::max(most, (kCamera.project(T * X) - kCamera.project(truth * X)).norm());
+  }
+  return most;
+}
+
+RefinedAlignment align(const Frame& image0, const Frame& image1) {
+  AlignerOptions options;
+  options.search.enabled = true;
+  Plan plan{kCamera.width, kCamera.height};
+  plan.max_features = 300;
+  plan.format = PixelFormat::r32f;
+  Cascade cascade({{"classical", [&] { return make_cpu_aligner(plan, options); }, RefinerOptions()}});
+  const CascadePair pair{{image0.view(), kCamera, lattice(kDistance), {}}, image1.view(), {}};
+  return cascade.align(std::span(&pair, 1)).front();
+}
+
+SE3 sideways(double x, double y) { return SE3::exp((Vector6d() << x, y, 0.02, 0.002, -0.003, 0.004).finished()); }
+
+constexpr double kPeriod = 0.7;  // 45 px
+
+TEST(Rivals, AWallOfTilesIsAmbiguous) {
+  const Waves tile(kPeriod, 3), own(0, 4);
+  const auto wall = [&](double x, double y) { return 0.5 + 0.05 * tile(x, y) + 0.0008 * own(x, y); };
+  for (const double shift : {0.3, 0.6, 0.8}) {
+    const SE3 truth = sideways(shift * kPeriod, 0.1);
+    const RefinedAlignment r = align(render(wall, SE3(), 1), render(wall, truth, 2));
+    if (r.converged()) {
+      EXPECT_LT(error(r.T_10, truth), 1) << shift << " periods: " << r.reason;
+      continue;
+    }
+    EXPECT_TRUE(r.status == Status::ambiguous || r.status == Status::degenerate) << r.reason;
+    EXPECT_TRUE(r.covariance.isZero(0));
+    if (r.status != Status::ambiguous) continue;
+    EXPECT_FALSE(r.rivals.empty());
+    for (size_t i = 1; i < r.rivals.size(); ++i) EXPECT_GE(r.rivals[i - 1].inliers, r.rivals[i].inliers);
+  }
+}
+
+TEST(Rivals, AMarkOnTheWallDecides) {
+  const Waves tile(kPeriod, 3), own(0, 4), poster(0, 5);
+  const auto wall = [&](double x, double y) {
+    const bool inside = std::abs(x - 0.1) < 0.7 && std::abs(y) < 0.55;
+    return 0.5 + (inside ? 0.05 * poster(x, y) : 0.05 * tile(x, y) + 0.002 * own(x, y));
+  };
+  for (const double shift : {0.6, 0.8, 1.1}) {
+    const SE3 truth = sideways(shift * kPeriod, 0.1);
+    const RefinedAlignment r = align(render(wall, SE3(), 1), render(wall, truth, 2));
+    EXPECT_TRUE(r.converged()) << shift << " periods: " << name(r.status) << ": " << r.reason;
+    EXPECT_LT(error(r.T_10, truth), 0.5) << shift << " periods";
+    EXPECT_TRUE(r.rivals.empty());
+  }
+}
+
+/// The same rows of both images from another picture.
+void overlay(Frame& frame, const Frame& with, int first, int last) {
+  for (int v = first; v < last; ++v)
+    for (int u = 0; u < frame.width; ++u) frame.at(u, v) = with.data[static_cast<size_t>(v * frame.width + u)];
+}
+
+TEST(Rivals, WhatIsFixedToTheCameraIsLeftOutOrDoubted) {
+  const Waves scene(0, 6), vehicle(0, 7);
+  const auto wall = [&](double x, double y) { return 0.5 + 0.03 * scene(x, y); };
+  const Frame fixed = render([&](double x, double y) { return 0.5 + 0.06 * vehicle(x, y); }, SE3(), 3);
+  const SE3 truth = sideways(0.25, 0.1);
+  for (const int first : {180, 140, 100}) {  // the lower quarter, two fifths, more than half
+    Frame image0 = render(wall, SE3(), 1), image1 = render(wall, truth, 2);
+    overlay(image0, fixed, first, 240);
+    overlay(image1, fixed, first, 240);
+    const RefinedAlignment r = align(image0, image1);
+    if (r.converged()) {
+      EXPECT_LT(error(r.T_10, truth), 1) << "from row " << first << ": " << r.reason;
+    } else {
+      EXPECT_EQ(r.status, Status::ambiguous) << r.reason;
+    }
+    if (first == 180) {
+      EXPECT_TRUE(r.converged()) << r.reason;
+    }
+  }
+}
+
+TEST(Rivals, ACameraThatStandsStillMaySaySo) {
+  const Waves scene(0, 6);
+  const auto wall = [&](double x, double y) { return 0.5 + 0.05 * scene(x, y); };
+  const RefinedAlignment r = align(render(wall, SE3(), 1), render(wall, SE3(), 2));
+  EXPECT_TRUE(r.converged()) << r.reason;
+  EXPECT_TRUE(r.fixed.empty());
+}
+
+TEST(Rivals, WhatMovesByItselfIsNotTheScene) {
+  const Waves scene(0, 6), thing(0, 8);
+  const SE3 truth = sideways(0.2, 0.05), other = sideways(-0.25, -0.15);
+  const auto wall = [&](double x, double y) { return 0.5 + 0.03 * scene(x, y); };
+  const auto moving = [&](double x, double y) { return 0.5 + 0.06 * thing(x, y); };
+  for (const double half : {0.8, 1.1, 1.3}) {  // m: 18, 34, 47 % of the view
+    const auto both = [&](const SE3& T_scene, const SE3& T_thing, uint32_t seed) {
+      Frame image = render(wall, T_scene, seed);
+      const Frame front = render(moving, T_thing, seed + 10), mask = render(
+          [&](double x, double y) { return std::abs(x) < 1.3 * half && std::abs(y) < half ? 1.0 : 0.0; }, T_thing, 0);
+      for (size_t i = 0; i < image.data.size(); ++i)
+        if (mask.data[i] > 0.5f) image.data[i] = front.data[i];
+      return image;
+    };
+    const RefinedAlignment r = align(both(SE3(), SE3(), 1), both(truth, other, 2));
+    if (r.converged()) {
+      EXPECT_LT(error(r.T_10, truth), 1) << half << " m: " << r.reason;
+    }
+  }
+}
+
+}  // namespace
+}  // namespace iclk
