@@ -138,10 +138,11 @@ bool seen(const ImageView& mask, int u, int v) {
 
 }  // namespace
 
-Features detect_corners(const Map& grey, const ImageView& depth, const DepthNoise& noise, const CornerSettings& settings) {
+Features detect_corners(const Map& grey, const ImageView& depth, const ImageView& mask, const DepthNoise& noise,
+                        const CornerSettings& settings) {
   Features out;
   out.uv = pick(grey, settings.count, settings, {}, [&](int u, int v) -> std::optional<bool> {
-    if (depth_at(depth, u, v) == 0) return {};
+    if (depth_at(depth, u, v) == 0 || !seen(mask, u, v)) return {};
     return !smooth(depth, u, v, settings.spread);
   });
   for (const Eigen::Vector2d& uv : out.uv) {

@@ -27,11 +27,13 @@ struct CornerSettings {
 
 /// The tracker's own choice, beside detect_features() of iclk/session/detect.h: features of a frame where its depth is known:
 /// per cell of a lattice the places with the most texture, round by round, until there are enough. `grey` is level 0; `depth`
-/// r32f of the same size, 0 or NaN where there is none. Each gets the sensor's sigma where `noise` says one.
-Features detect_corners(const Map& grey, const ImageView& depth, const DepthNoise& noise, const CornerSettings& settings);
+/// r32f of the same size, 0 or NaN where there is none; `mask` r8 of the same size, 0 where nothing is to be looked at: no
+/// patch reaches into that. It may be empty. Each feature gets the sensor's sigma where `noise` says one.
+Features detect_corners(const Map& grey, const ImageView& depth, const ImageView& mask, const DepthNoise& noise,
+                        const CornerSettings& settings);
 
-/// As many more places with texture, in the same way, where no depth is known, away from those that are `taken`. `depth` and
-/// `mask` (r8, 0 where nothing is to be looked at) may be empty.
+/// As many more places with texture, in the same way, where no depth is known, away from those that are `taken`. `depth` may
+/// be empty.
 std::vector<Eigen::Vector2d> detect_seeds(const Map& grey, const ImageView& depth, const ImageView& mask,
                                           const std::vector<Eigen::Vector2d>& taken, int count, const CornerSettings& settings);
 

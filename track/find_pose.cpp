@@ -52,7 +52,7 @@ void Tracker::Impl::consider(int id, const RefinedAlignment& a, const SE3& expec
   if (!weak || a.inliers > weak->alignment.inliers) weak = Found{id, a, false};
 }
 
-std::optional<Tracker::Impl::Found> Tracker::Impl::find_pose(const TrackFrame& frame, bool& searched) {
+std::optional<Tracker::Impl::Found> Tracker::Impl::find_pose(const TrackFrame& frame, TrackResult& result) {
   if (!lost) {
     const SE3 expected = predict(frame.time);
     if (!keyframes.find(current)) current = keyframes.newest().id;
@@ -67,15 +67,15 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::find_pose(const TrackFrame& f
       if (confirmed(b) && b.inliers > 0.8 * a.inliers) return Found{best[0], std::move(b)};
       return Found{current, std::move(a)};
     }
-    searched = true;
+    result.searched = true;
     std::optional<Found> weak;
     consider(current, a, expected, weak);
     if (auto found = try_others(frame, expected, weak)) return found;
     if (weak && overlap(camera, *keyframes.find(weak->keyframe), expected).visible > 0.5) return weak;
-    if (auto found = try_previous(frame, expected, weak)) return found;
-    if (weak) return weak;
+    if (auto found = try_previous(frame, expected, weak, result)) return found;
+    if (weak && keyframes.find(weak->keyframe)) return weak;  // it may have left for the frame before
   }
-  searched = true;
+  result.searched = true;
   return relocalise(frame);
 }
 
@@ -104,14 +104,15 @@ std::optional<Tracker::Impl::Found> Tracker::Impl::try_others(const TrackFrame& 
 }
 
 std::optional<Tracker::Impl::Found> Tracker::Impl::try_previous(const TrackFrame& frame, const SE3& expected,
-                                                                std::optional<Found>& weak) {
+                                                                std::optional<Found>& weak, TrackResult& result) {
   // Nothing is more alike than the frame before.
-  TrackResult ignored;
+  TrackResult made;
   if (keyframes.newest().time == previous.time) return {};
   FramePixels straight;
   if (rolls()) unroll(previous.frame(camera), camera, rows, previous_rate * options.readout, straight);
   const TrackFrame before = (rolls() ? straight : previous).frame(camera);
-  if (!make_keyframe(before, last->T_WC, previous_origin, nullptr, ignored)) return {};
+  if (!make_keyframe(before, last->T_WC, previous_origin, nullptr, made)) return {};
+  result.before = TrackResult::Before{made.keyframe, before.time};
   for (const SE3& T_WC : {expected, last->T_WC}) {
     RefinedAlignment a = refiner.align(pair_with(current, frame, T_WC, false));
     if (confirmed(a)) return Found{current, std::move(a)};

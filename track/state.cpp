@@ -103,8 +103,13 @@ void Tracker::restore(std::span<const uint8_t> state) {
   archive_tracker(reader, *fresh, held, poses);
   require(reader.left() == 0, "a tracker's state is longer than it should be");
   fresh->keyframes.restore(std::move(held), std::move(poses));
+  try {
+    for (const auto& [id, k] : fresh->keyframes.all()) fresh->set_reference(k);
+  } catch (...) {
+    for (const auto& [id, k] : m.keyframes.all()) m.set_reference(k);  // of slots that were overwritten
+    throw;
+  }
   impl_ = std::move(fresh);
-  for (const auto& [id, k] : impl_->keyframes.all()) impl_->set_reference(k);
 }
 
 }  // namespace iclk

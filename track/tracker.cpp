@@ -38,6 +38,26 @@ double milliseconds_since(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
+/// In front of all that reads pixels.
+void check_view(const ImageView& image, const Camera& camera, PixelFormat format, const char* what) {
+  const auto refuse = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, what + why); };
+  if (image.width != camera.width || image.height != camera.height)
+    refuse(" of " + std::to_string(image.width) + "x" + std::to_string(image.height) + ", the camera has " +
+           std::to_string(camera.width) + "x" + std::to_string(camera.height));
+  if (image.stride() < static_cast<size_t>(image.width) * bytes_per_pixel(image.format))
+    refuse(" with a row stride of " + std::to_string(image.row_stride) + " bytes, shorter than a row");
+  if (image.format != format) refuse(format == PixelFormat::r8 ? " has to be r8" : " has to be r32f");
+}
+
+void check_frame(const TrackFrame& frame, const Camera& camera, const TrackerOptions& options) {
+  check_view(frame.image, camera, frame.image.format, "an image");
+  if (frame.image.data == nullptr) throw Error(ErrorCode::invalid_argument, "an image without pixels");
+  if (!frame.depth.empty()) check_view(frame.depth, camera, PixelFormat::r32f, "depth");
+  if (frame.mask.empty()) return;
+  if (!options.masks) throw Error(ErrorCode::invalid_argument, "a mask needs TrackerOptions::masks");
+  check_view(frame.mask, camera, PixelFormat::r8, "a mask");
+}
+
 RefinerOptions for_tracking(RefinerOptions options) {
   options.keep_unconfirmed = true;  // what the alignment says may still be credible (Impl::credible)
   options.rolling_shutter = false;  // frames are unrolled here, by what the frames before tell as well
@@ -96,7 +116,7 @@ void Tracker::Impl::set_reference(const Keyframe& k) {
 /// Whether a map could begin with it.
 bool Tracker::Impl::can_begin(const TrackFrame& frame) const {
   return !frame.depth.empty() &&
-         detect_corners(grey_map(frame.image), frame.depth, options.depth_noise, options.detector).size() >=
+         detect_corners(grey_map(frame.image), frame.depth, frame.mask, options.depth_noise, options.detector).size() >=
              2 * options.min_inliers;
 }
 
@@ -105,7 +125,7 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   const auto start = Clock::now();
   const Map grey = grey_map(frame.image);
   Features features;
-  if (!frame.depth.empty()) features = detect_corners(grey, frame.depth, options.depth_noise, options.detector);
+  if (!frame.depth.empty()) features = detect_corners(grey, frame.depth, frame.mask, options.depth_noise, options.detector);
   const int measured = features.size();
   if (measured < 2 * options.min_inliers && (options.seeds == 0 || keyframes.empty())) return false;
   std::vector<Neighbour> neighbours = neighbours_of(frame, T_WC, found);
@@ -141,6 +161,8 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   result.keyframe = k.id;
   result.T_CK = {};
   result.T_WC = k.T_WC;
+  result.covariance.setZero();  // it is its own reference; of how it was found the origin tells
+  result.origin = origin;
   return true;
 }
 
@@ -199,18 +221,10 @@ Tracker::~Tracker() = default;
 TrackResult Tracker::track(const TrackFrame& given) {
   Impl& m = *impl_;
   TrackFrame frame = given;
-  const auto check_size = [&](const ImageView& image, const char* what) {
-    if (image.width != m.camera.width || image.height != m.camera.height)
-      throw Error(ErrorCode::invalid_argument, std::string(what) + " of " + std::to_string(image.width) + "x" +
-                                                   std::to_string(image.height) + ", the camera has " +
-                                                   std::to_string(m.camera.width) + "x" + std::to_string(m.camera.height));
-  };
-  check_size(frame.image, "an image");
-  if (!frame.depth.empty()) check_size(frame.depth, "depth");
-  if (!frame.depth.empty() && frame.depth.format != PixelFormat::r32f)
-    throw Error(ErrorCode::invalid_argument, "depth has to be r32f");
-  if (!frame.mask.empty() && !m.options.masks) throw Error(ErrorCode::invalid_argument, "a mask needs TrackerOptions::masks");
-  if (!(frame.time > m.last_time.value_or(-INFINITY)))
+  check_frame(frame, m.camera, m.options);
+  if (!std::isfinite(frame.time))
+    throw Error(ErrorCode::invalid_argument, "a frame's time is " + std::to_string(frame.time) + ", seconds are wanted");
+  if (m.last_time && frame.time <= *m.last_time)
     throw Error(ErrorCode::invalid_argument, "frame at " + std::to_string(frame.time) + " s does not come after the one at " +
                                                  std::to_string(*m.last_time) + " s");
   m.last_time = frame.time;
@@ -223,7 +237,7 @@ TrackResult Tracker::track(const TrackFrame& given) {
   }
   const auto start = Clock::now();
   frame = m.unrolled(given, m.rate);
-  auto found = m.find_pose(frame, result.searched);
+  auto found = m.find_pose(frame, result);
   if (found && m.rolls() && !m.lost) m.unroll_again(given, *found);
   const Eigen::Vector3d rate = m.rate;
   const auto unroll_frame = [&] {

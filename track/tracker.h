@@ -71,9 +71,17 @@ struct TrackResult {
   int keyframe = 0;        ///< it was aligned with; of a keyframe, itself
   SE3 T_CK;                ///< camera of that keyframe to this one's: stays, while the keyframe's pose may still be adjusted
   SE3 T_WC;                ///< this camera to the map, as it is known now; of a lost frame, the last one that was known
-  Matrix6d covariance = Matrix6d::Zero();  ///< of the pose in the keyframe that it was aligned with, [rho, phi]; zero if lost
-  int features = 0, visible = 0, inliers = 0;
-  double sigma = 0;       ///< px, of the residuals
+  Matrix6d covariance = Matrix6d::Zero();  ///< of T_CK, [rho, phi]; zero if lost, and of a keyframe, whose T_CK is exact
+  /// Of a keyframe: the other one that it was aligned with, and how. None for the first of a map.
+  std::optional<Keyframe::Origin> origin;
+  int features = 0, visible = 0, inliers = 0;  ///< of that alignment
+  double sigma = 0;                            ///< px, of its residuals
+  /// The frame that was tracked last became a keyframe after all, since nothing older was found in this one.
+  struct Before {
+    int keyframe = 0;
+    double time = 0;
+  };
+  std::optional<Before> before;
   bool searched = false;  ///< what was expected did not hold, and more was tried
   double align_ms = 0, keyframe_ms = 0, bundle_ms = 0;
 };
@@ -101,8 +109,8 @@ class Tracker {
   Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options = {});
   ~Tracker();
 
-  /// Throws Error(invalid_argument) for an image of another size or a time that is not later than the last; what Aligner
-  /// throws.
+  /// Throws Error(invalid_argument) for an image, depth or mask of another size or format, and a time that is not finite or
+  /// not later than the last; what Aligner throws.
   TrackResult track(const TrackFrame& frame);
 
   int keyframe_count() const;              ///< that ever were

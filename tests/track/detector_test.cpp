@@ -14,8 +14,10 @@ struct Seen {
   Relief scene;
   Frame image = render(scene, 0);
   std::vector<float> depth = std::vector<float>(160 * 120, 4.0f);
+  std::vector<uint8_t> mask = {};
   Features detect(CornerSettings settings = {.count = 60}, const DepthNoise& noise = {}) const {
-    return detect_corners(grey_map(image.view()), {depth.data(), 160, 120, 0, PixelFormat::r32f}, noise, settings);
+    const ImageView hidden = mask.empty() ? ImageView() : ImageView{mask.data(), 160, 120, 0, PixelFormat::r8};
+    return detect_corners(grey_map(image.view()), {depth.data(), 160, 120, 0, PixelFormat::r32f}, hidden, noise, settings);
   }
 };
 
@@ -55,6 +57,15 @@ TEST(Detector, NoneWithoutDepthAndEdgesLast) {
   for (const Eigen::Vector2d& uv : f.uv) EXPECT_TRUE(uv.x() >= 73 && (uv.x() <= 106 || uv.x() >= 114)) << uv.x();
 }
 
+TEST(Detector, NoPatchReachesIntoWhatIsHidden) {
+  Seen seen;
+  seen.mask.assign(160 * 120, 255);
+  std::fill(seen.mask.begin() + 160 * 70, seen.mask.end(), uint8_t{0});
+  const Features f = seen.detect();
+  EXPECT_GE(f.size(), 20);
+  for (const Eigen::Vector2d& uv : f.uv) EXPECT_LT(uv.y() + 4, 70);  // a patch reaches four rows down
+}
+
 TEST(Detector, FlatImagesAndBadOnesHaveNone) {
   Seen seen;
   std::fill(seen.image.data.begin(), seen.image.data.end(), 0.5f);
@@ -62,7 +73,7 @@ TEST(Detector, FlatImagesAndBadOnesHaveNone) {
   std::fill(seen.image.data.begin(), seen.image.data.end(), std::numeric_limits<float>::quiet_NaN());
   EXPECT_EQ(seen.detect().size(), 0);
   const std::vector<float> tiny(100, 1.0f);
-  EXPECT_EQ(detect_corners(Map(10, 10), {tiny.data(), 10, 10, 0, PixelFormat::r32f}, {}, {}).size(), 0);
+  EXPECT_EQ(detect_corners(Map(10, 10), {tiny.data(), 10, 10, 0, PixelFormat::r32f}, {}, {}, {}).size(), 0);
 }
 
 }  // namespace

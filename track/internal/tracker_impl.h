@@ -28,9 +28,11 @@ struct Tracker::Impl {
   Impl(Aligner& aligner, const Camera& camera, const TrackerOptions& options);
 
   // find_pose.cpp
-  std::optional<Found> find_pose(const TrackFrame& frame, bool& searched);
+  /// Sets `searched` and `before` of the result.
+  std::optional<Found> find_pose(const TrackFrame& frame, TrackResult& result);
   std::optional<Found> try_others(const TrackFrame& frame, const SE3& expected, std::optional<Found>& weak);
-  std::optional<Found> try_previous(const TrackFrame& frame, const SE3& expected, std::optional<Found>& weak);
+  std::optional<Found> try_previous(const TrackFrame& frame, const SE3& expected, std::optional<Found>& weak,
+                                    TrackResult& result);
   std::optional<Found> relocalise(const TrackFrame& frame);
   SE3 predict(double time) const;
   Pair pair_with(int id, const TrackFrame& frame, const SE3& T_WC, bool search);
