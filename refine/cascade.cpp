@@ -96,15 +96,16 @@ std::vector<RefinedAlignment> Cascade::run(size_t step, const std::vector<Pair>&
 std::vector<FeatureCheck> Cascade::set_reference(int slot, const Reference& reference) {
   const auto begin = Clock::now();
   Running& first = running_.front();
-  std::vector<FeatureCheck> checks = first.aligner->set_reference(slot, reference);
   const auto at = static_cast<size_t>(slot);
-  if (keyframes_.size() <= at) keyframes_.resize(at + 1);
-  keyframes_[at] = {};
+  // Whatever throws on the way, the keyframe that was there is prepared again from its copy.
+  if (slot >= 0 && at < first.prepared.size()) first.prepared[at] = 0;
+  std::vector<FeatureCheck> checks = first.aligner->set_reference(slot, reference);
   Keyframe keyframe;
   keyframe.reference = reference;
   keyframe.reference.image = keep(reference.image, keyframe.image);
   keyframe.reference.inverse_depth = keep(reference.inverse_depth, keyframe.inverse_depth);
   keyframe.version = ++versions_;
+  if (keyframes_.size() <= at) keyframes_.resize(at + 1);
   keyframes_[at] = std::move(keyframe);
   first.prepared.resize(std::max(first.prepared.size(), keyframes_.size()));
   first.prepared[at] = versions_;

@@ -49,7 +49,7 @@ class Cascade {
   /// Slots are not set afterwards.
   std::vector<RefinedAlignment> align(std::span<const CascadePair> pairs);
 
-  /// As Aligner's. Its pixels are copied, for models that are asked later.
+  /// As Aligner's. Its pixels are copied, for models that are asked later. If it throws, the slot is as it was.
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference);
   /// What was given for a slot, with our copy of the pixels; null where it is not set.
   const Reference* reference(int slot) const;

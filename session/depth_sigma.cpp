@@ -23,7 +23,8 @@ void DepthSigma::apply(const Camera& camera, Features& features) const {
   features.inverse_depth_sigma.resize(features.uv.size(), 0.0);
   for (size_t i = 0; i < features.uv.size(); ++i) {
     double& sigma = features.inverse_depth_sigma[i];
-    if (!(std::isfinite(sigma) && sigma > 0)) sigma = constant + disparity / camera.fx + relative * features.inverse_depth[i];
+    if (std::isfinite(sigma) && sigma > 0) continue;
+    sigma = constant + disparity / std::abs(camera.fx) + relative * features.inverse_depth[i];
   }
 }
 

@@ -147,7 +147,7 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
     const auto row = static_cast<Eigen::Index>(2 * i);
     const Eigen::Vector3d ray = camera.ray(o.uv0), p = T_10.R * ray + o.q * T_10.t;
     const Eigen::Matrix<double, 2, 3> du1_dray = camera.project_jacobian(p) * T_10.R;
-    const double focal = 0.5 * (camera.fx + camera.fy);  // both change by the same factor
+    const double focal = 0.5 * (std::abs(camera.fx) + std::abs(camera.fy));  // both change by the same factor
     Eigen::Matrix<double, 2, 3> dc;
     dc.col(0) = Eigen::Vector2d::UnitX() - du1_dray.col(0) / camera.fx;
     dc.col(1) = Eigen::Vector2d::UnitY() - du1_dray.col(1) / camera.fy;

@@ -16,7 +16,7 @@ SharedColumns shared_columns(Projection x, FeatureInfo f, Pose T, float relative
   SharedColumns c;
   c.cx = vec2(1.0, 0.0) - d0 / focal.x;
   c.cy = vec2(0.0, 1.0) - d1 / focal.y;
-  c.focal = (x.uv1 - vec2(reference.cx, reference.cy) - d0 * x.ray.x - d1 * x.ray.y) / (0.5 * (focal.x + focal.y));
+  c.focal = (x.uv1 - vec2(reference.cx, reference.cy) - d0 * x.ray.x - d1 * x.ray.y) / (0.5 * (abs(focal.x) + abs(focal.y)));
   c.depth = (f.relative_sigma > 0.0 ? f.relative_sigma : relative_depth) * along_epipolar(x, f.inverse_depth, T);
   return c;
 }

@@ -27,6 +27,11 @@ TEST(DepthSigma, OfSensors) {
   EXPECT_EQ(sigmas("2%"), (std::vector<double>{0.02, 0.2, 0.002})) << "a feature's own counts";
   EXPECT_EQ(sigmas("structured-light")[2], 0.0014);
   EXPECT_DOUBLE_EQ(sigmas("stereo:0.25,0.1")[0], 0.25 / (500 * 0.1)) << "q = d / (f b)";
+  Features mirrored;
+  mirrored.uv.assign(1, {10, 10});
+  mirrored.inverse_depth = {1};
+  parse_depth_sigma("stereo:0.25,0.1").apply({-500, 510, 320, 240, 640, 480}, mirrored);
+  EXPECT_DOUBLE_EQ(mirrored.inverse_depth_sigma[0], sigmas("stereo:0.25,0.1")[0]) << "of a camera with fx < 0";
   EXPECT_LT(sigmas("rendered")[0], 1e-5);
   EXPECT_GT(sigmas("rendered")[0], 0);
   Features f;

@@ -152,6 +152,41 @@ TEST_F(Cascaded, PreparedKeyframesGiveTheAnswersOfWholePairs) {
   EXPECT_THROW(cascade.align(pairs), Error);
 }
 
+/// One that writes over its slot and then throws, as on a lost device, whenever it is told to.
+class Failing : public Aligner {
+ public:
+  Failing(std::unique_ptr<Aligner> aligner, const bool& fails) : aligner_(std::move(aligner)), fails_(fails) {}
+  std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override {
+    auto checks = aligner_->set_reference(slot, reference);
+    if (fails_) throw Error(ErrorCode::device_lost, "lost");
+    return checks;
+  }
+  std::vector<Alignment> align(std::span<const Pair> pairs) override { return aligner_->align(pairs); }
+  const Camera& camera(int slot) const override { return aligner_->camera(slot); }
+  const Features& features(int slot) const override { return aligner_->features(slot); }
+  const std::vector<FeatureCheck>& checks(int slot) const override { return aligner_->checks(slot); }
+  const Plan& plan() const override { return aligner_->plan(); }
+
+ private:
+  std::unique_ptr<Aligner> aligner_;
+  const bool& fails_;
+};
+
+TEST_F(Cascaded, AKeyframeStaysWhereItsSuccessorFails) {
+  bool fails = false;
+  Cascade::Step failing = step("plain", false, false);
+  failing.make = [make = failing.make, &fails] { return std::make_unique<Failing>(make(), fails); };
+  Cascade cascade({failing});
+  cascade.set_reference(0, near_.pair().reference);
+  const Pair pairs[] = {{0, near_.image1.view()}};
+  const SE3 before = cascade.align(pairs)[0].T_10;
+  fails = true;
+  EXPECT_THROW(cascade.set_reference(0, other_.pair().reference), Error);
+  fails = false;
+  EXPECT_EQ(cascade.align(pairs)[0].T_10.matrix(), before.matrix());
+  EXPECT_EQ(cascade.reference(0)->features.uv, near_.features.uv);
+}
+
 TEST_F(Cascaded, WhatCannotBeMadeIsAnError) {
   EXPECT_THROW(Cascade({}), Error);
   Cascade::Step broken = step("broken", false);

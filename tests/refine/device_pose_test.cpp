@@ -183,6 +183,10 @@ TEST(DevicePose, AgreesWithCeres) {
     for (size_t k = 0; k < cases[i].features.inverse_depth.size(); k += 2)
       cases[i].features.inverse_depth_sigma[k] = 0.02 * cases[i].features.inverse_depth[k];
   }
+  for (Scene scene : {test::wide_scene(), deep_scene()}) {  // whose rows are reversed
+    scene.camera.fy = -scene.camera.fy;
+    cases.push_back(case_of(scene, 100, 0.05, 0.1, static_cast<uint32_t>(7 + cases.size())));
+  }
   RefinerOptions options;
   options.rolling_shutter = false;
   const auto outcomes = run(cases, options);

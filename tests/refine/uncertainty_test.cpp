@@ -167,6 +167,28 @@ TEST(Uncertainty, AGivenCameraIsBelieved) {
   EXPECT_THROW(vague.check(), Error);
 }
 
+// The same pair as a camera with mirrored rows or columns has it.
+TEST(Uncertainty, NegativeFocalLengthsChangeNothing) {
+  const Observed o = observe(150, {.depth = 0.005}, 3);
+  const PoseResult upright = refine_pose(kCamera, o.features, o.aligned, o.T_10);
+  for (const auto& [x, y] : {std::pair(1, -1), {-1, 1}, {-1, -1}}) {
+    Camera camera = kCamera;
+    camera.fx *= x, camera.fy *= y;
+    Observed mirrored = o;
+    const auto mirror = [&, center = Eigen::Vector2d(kCamera.cx, kCamera.cy)](Eigen::Vector2d& uv) {
+      uv = center + Eigen::Vector2d(x, y).cwiseProduct(uv - center);
+    };
+    for (Eigen::Vector2d& uv : mirrored.features.uv) mirror(uv);
+    for (AlignedFeature& a : mirrored.aligned) {
+      mirror(a.uv1);
+      a.covariance(0, 1) *= x * y, a.covariance(1, 0) *= x * y;
+    }
+    const PoseResult r = refine_pose(camera, mirrored.features, mirrored.aligned, o.T_10);
+    ASSERT_TRUE(r.converged()) << r.reason;
+    EXPECT_LT((r.covariance - upright.covariance).norm(), 1e-4 * upright.covariance.norm()) << x << " " << y;
+  }
+}
+
 TEST(Uncertainty, StillMovingIsNotCertain) {
   const Observed o = observe(50, {}, 2);
   PoseOptions options;
