@@ -2,6 +2,9 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
+#include <random>
+#include <utility>
 
 #include <Eigen/Cholesky>
 
@@ -9,10 +12,11 @@ namespace iclk {
 namespace {
 
 constexpr double kMedian = 5.35, kHalf = 12.6;  // chi^2 of six degrees: 50 % and 95 %
+constexpr size_t kCandidates = 200;
 
-double squared(const PoseVote& vote, const SE3& T) {
+double squared(const PoseVote& vote, const Eigen::LDLT<Matrix6d>& covariance, const SE3& T) {
   const Vector6d e = (vote.T.inverse() * T).log();
-  const double d = e.dot(vote.covariance.ldlt().solve(e));
+  const double d = e.dot(covariance.solve(e));
   return d >= 0 ? d : std::numeric_limits<double>::infinity();
 }
 
@@ -22,22 +26,36 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
+/// Votes to begin at: all, or so many that were drawn, the same ones every time.
+std::vector<size_t> candidates(size_t votes) {
+  std::vector<size_t> order(votes);
+  std::iota(order.begin(), order.end(), size_t{0});
+  if (votes <= kCandidates) return order;
+  std::mt19937 random(1);
+  for (size_t i = 0; i < kCandidates; ++i) std::swap(order[i], order[i + random() % (votes - i)]);
+  order.resize(kCandidates);
+  return order;
+}
+
 }  // namespace
 
 SE3 common_pose(std::vector<PoseVote>& votes) {
+  std::vector<Eigen::LDLT<Matrix6d>> covariances;
+  for (const PoseVote& v : votes) covariances.emplace_back(v.covariance);
+  const auto distances_from = [&](const SE3& T) {
+    std::vector<double> distances;
+    for (size_t k = 0; k < votes.size(); ++k) distances.push_back(squared(votes[k], covariances[k], T));
+    return distances;
+  };
   SE3 T = votes.front().T;
   double least = std::numeric_limits<double>::infinity();
-  for (const PoseVote& candidate : votes) {
-    std::vector<double> distances;
-    for (const PoseVote& v : votes) distances.push_back(squared(v, candidate.T));
-    if (const double m = median(std::move(distances)); m < least) {
+  for (const size_t candidate : candidates(votes.size()))
+    if (const double m = median(distances_from(votes[candidate].T)); m < least) {
       least = m;
-      T = candidate.T;
+      T = votes[candidate].T;
     }
-  }
   for (int i = 0; i < 20; ++i) {
-    std::vector<double> distances;
-    for (const PoseVote& v : votes) distances.push_back(squared(v, T));
+    const std::vector<double> distances = distances_from(T);
     const double spread = std::max(1.0, median(distances) / kMedian);
     Matrix6d H = Matrix6d::Zero();
     Vector6d g = Vector6d::Zero();
@@ -48,7 +66,7 @@ SE3 common_pose(std::vector<PoseVote>& votes) {
       // e(xi) = Log(T_i^-1 T Exp(xi)) = e + J_r^-1(e) xi; far off the series is no good, and the weight is small.
       const Vector6d e = (v.T.inverse() * T).log();
       const Matrix6d J = e.norm() < 0.5 ? inverse_right_jacobian(e) : Matrix6d::Identity();
-      const Matrix6d JtI = J.transpose() * v.covariance.ldlt().solve(Matrix6d::Identity());
+      const Matrix6d JtI = J.transpose() * covariances[k].solve(Matrix6d::Identity());
       H += v.weight * JtI * J;
       g += v.weight * JtI * e;
     }

@@ -32,6 +32,36 @@ void check(std::span<const FlexMeasurement> measurements) {
   }
 }
 
+/// What a moment is held by.
+struct Costs {
+  ceres::ResidualBlockId bound = nullptr, measurement = nullptr, to_next = nullptr;
+};
+
+/// Its rows of the Jacobian, weighted as they were in the solution.
+internal::ChainLink link(const ceres::Problem& problem, const Costs& costs) {
+  using Rows = Eigen::Matrix<double, 12, 12, Eigen::RowMajor>;
+  Rows of_this, of_next;
+  const auto evaluate = [&](ceres::ResidualBlockId id) {
+    double cost = 0, residuals[12];
+    double* jacobians[] = {of_this.data(), of_next.data()};
+    problem.EvaluateResidualBlock(id, true, &cost, residuals, jacobians);
+  };
+  internal::ChainLink out;
+  out.own.setZero(costs.measurement ? 18 : 12, 12);
+  evaluate(costs.bound);
+  out.own.topRows<12>() = of_this;
+  if (costs.measurement) {
+    evaluate(costs.measurement);
+    out.own.bottomRows<6>() = of_this.topRows<6>();
+  }
+  if (costs.to_next) {
+    evaluate(costs.to_next);
+    out.to_next = of_this;
+    out.next = of_next;
+  }
+  return out;
+}
+
 }  // namespace
 
 void FlexOptions::check() const {
@@ -62,6 +92,7 @@ FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const Flex
   // An oscillation of deviation s has accelerations of deviation s omega^2, alike for about a quarter of its period.
   const Vector6d density = (omega * omega * sigma.head<6>()).cwiseAbs2() / (4 * options.frequency);
   std::vector<State> states(measurements.size(), State::Zero());
+  std::vector<Costs> costs(states.size());
   ceres::Problem problem;
   Vector6d last = Vector6d::Zero();
   for (size_t i = 0; i < states.size(); ++i) {
@@ -69,28 +100,26 @@ FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const Flex
     if (m.valid) last = (result.mean.inverse() * m.T_rl).log();
     states[i].head<6>() = last;
     problem.AddParameterBlock(states[i].data(), 12);
-    problem.AddResidualBlock(new internal::BoundCost(3 * sigma), nullptr, states[i].data());
+    costs[i].bound = problem.AddResidualBlock(new internal::BoundCost(3 * sigma), nullptr, states[i].data());
     if (m.valid)
-      problem.AddResidualBlock(new internal::MeasurementCost(m.T_rl, m.covariance, result.mean),
-                               new ceres::CauchyLoss(std::sqrt(6.0) * options.cauchy_scale), states[i].data());
+      costs[i].measurement =
+          problem.AddResidualBlock(new internal::MeasurementCost(m.T_rl, m.covariance, result.mean),
+                                   new ceres::CauchyLoss(std::sqrt(6.0) * options.cauchy_scale), states[i].data());
     if (i > 0)
-      problem.AddResidualBlock(new internal::MotionCost(m.time - measurements[i - 1].time, density), nullptr,
-                               states[i - 1].data(), states[i].data());
+      costs[i - 1].to_next = problem.AddResidualBlock(new internal::MotionCost(m.time - measurements[i - 1].time, density),
+                                                      nullptr, states[i - 1].data(), states[i].data());
   }
   ceres::Solver::Options solver = internal::solver_options(options.iterations);
   solver.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
   ceres::Solver::Summary summary;
   ceres::Solve(solver, &problem, &summary);
   if (!summary.IsSolutionUsable()) return result;
-  ceres::Covariance::Options covariance_options;
-  covariance_options.algorithm_type = ceres::SPARSE_QR;
-  ceres::Covariance covariance(covariance_options);
-  std::vector<std::pair<const double*, const double*>> blocks;
-  for (const State& s : states) blocks.emplace_back(s.data(), s.data());
-  if (!covariance.Compute(blocks, &problem)) return result;
+  std::vector<internal::ChainLink> links;
+  for (const Costs& c : costs) links.push_back(link(problem, c));
+  const std::vector<internal::Matrix12d> covariances = internal::chain_covariances(links);
   for (size_t i = 0; i < states.size(); ++i) {
-    Eigen::Matrix<double, 12, 12, Eigen::RowMajor> C;
-    covariance.GetCovarianceBlock(states[i].data(), states[i].data(), C.data());
+    const internal::Matrix12d& C = covariances[i];
+    if (!C.allFinite()) return {.usable = false, .mean = result.mean, .states = {}};
     // Of mean Exp(xi + d) = mean Exp(xi) Exp(J_r d).
     const Vector6d xi = states[i].head<6>();
     const Matrix6d J = inverse_right_jacobian(xi).inverse();

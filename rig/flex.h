@@ -43,8 +43,8 @@ struct FlexResult {
 
 /// Extrinsics over time, all measurements together (a smoother): T_k = mean Exp(xi_k), xi a Gaussian process of white
 /// acceleration (constant velocity), and weakly drawn to zero by the stated deviations. Cauchy's loss on the measurements,
-/// Ceres. Unusable: no valid measurement. Throws Error(invalid_argument) for bad options, times that do not grow, poses or
-/// covariances of valid measurements that are not finite or not positive.
+/// Ceres, in time that grows with their number. Unusable: no valid measurement. Throws Error(invalid_argument) for bad options,
+/// times that do not grow, poses or covariances of valid measurements that are not finite or not positive.
 FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const FlexOptions& options = {});
 
 }  // namespace iclk

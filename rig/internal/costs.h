@@ -6,6 +6,7 @@
 
 #include <iclk/align/se3.h>
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/rig/internal/chain.h>
 
 namespace iclk::internal {
 
@@ -33,7 +34,6 @@ class BaselineCost final : public ceres::SizedCostFunction<1, 12> {
 };
 
 using State = Eigen::Matrix<double, 12, 1>;  // xi, velocity
-using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
 /// W Log(T_measured^-1 mean Exp(xi)).
 class MeasurementCost final : public ceres::SizedCostFunction<6, 12> {

@@ -1,13 +1,17 @@
 // A rig that swings as a known sinusoid.
 #include <cmath>
+#include <ctime>
 #include <limits>
 #include <random>
 
 #include <gtest/gtest.h>
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 
 #include <iclk/engine/error.h>
+#include <iclk/rig/common_pose.h>
 #include <iclk/rig/flex.h>
+#include <iclk/rig/internal/chain.h>
 
 namespace iclk {
 namespace {
@@ -21,11 +25,12 @@ SE3 swing(double time, double frequency) {
   return kRest * SE3::exp(xi);
 }
 
-std::vector<FlexMeasurement> series(double frequency, double rate, double rotation, double translation, unsigned seed = 1) {
+std::vector<FlexMeasurement> series(double frequency, double rate, double rotation, double translation, unsigned seed = 1,
+                                    int moments = 60) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal(0, 1);
   std::vector<FlexMeasurement> out;
-  for (int i = 0; i < 60; ++i) {
+  for (int i = 0; i < moments; ++i) {
     FlexMeasurement m;
     m.time = i / rate;
     Vector6d sigma, xi;
@@ -93,6 +98,56 @@ TEST(Flex, GapsAreFilledAndOutliersDoNotBend) {
   for (const size_t i : {size_t{20}, size_t{21}, size_t{40}})
     EXPECT_LT((r.states[i].T_rl.inverse() * swing(m[i].time, 1)).angle(), 0.01) << i;
   EXPECT_GT(r.states[21].covariance(5, 5), 4 * r.states[30].covariance(5, 5));
+}
+
+TEST(Flex, CovariancesOfAChainAreBlocksOfTheInverse) {
+  constexpr int kLinks = 5;
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal(0, 1);
+  std::vector<internal::ChainLink> links(kLinks);
+  Eigen::MatrixXd J = Eigen::MatrixXd::Zero(kLinks * 30, kLinks * 12);
+  for (int i = 0; i < kLinks; ++i) {
+    internal::ChainLink& link = links[static_cast<size_t>(i)];
+    link.own =
+        Eigen::MatrixXd::NullaryExpr(i == 2 ? 0 : 18, 12, [&] { return normal(random); });  // one by its neighbours alone
+    J.block(30 * i, 12 * i, link.own.rows(), 12) = link.own;
+    if (i + 1 == kLinks) continue;
+    for (internal::Matrix12d* block : {&link.to_next, &link.next})
+      *block = internal::Matrix12d::NullaryExpr([&] { return 10 * normal(random); });
+    J.block<12, 12>(30 * i + 18, 12 * i) = link.to_next;
+    J.block<12, 12>(30 * i + 18, 12 * (i + 1)) = link.next;
+  }
+  const Eigen::MatrixXd inverse = (J.transpose() * J).inverse();
+  const auto covariances = internal::chain_covariances(links);
+  ASSERT_EQ(covariances.size(), size_t{kLinks});
+  for (int i = 0; i < kLinks; ++i) {
+    const Eigen::MatrixXd expected = inverse.block(12 * i, 12 * i, 12, 12);
+    EXPECT_LT((covariances[static_cast<size_t>(i)] - expected).norm(), 1e-9 * expected.norm()) << i;
+  }
+}
+
+TEST(Flex, TakesTimeInProportion) {
+  const auto seconds = [](int moments) {
+    const auto m = series(1, 30, 5e-4, 1e-3, 1, moments);
+    const std::clock_t start = std::clock();  // of this process, however busy the machine
+    EXPECT_TRUE(smooth_flex(m).usable);
+    return static_cast<double>(std::clock() - start) / CLOCKS_PER_SEC;
+  };
+  const double few = seconds(400), many = seconds(1600);
+  EXPECT_LT(many, 8 * few);
+}
+
+TEST(CommonPose, OfManyVotesIsThatOfMostOfThem) {
+  std::mt19937 random(1);
+  std::normal_distribution<double> normal(0, 1);
+  const auto xi_of = [&](double sigma) { return Vector6d(Vector6d::NullaryExpr([&] { return sigma * normal(random); })); };
+  std::vector<PoseVote> votes;
+  for (int i = 0; i < 1000; ++i)
+    votes.push_back({i % 5 < 2 ? SE3::exp(xi_of(0.5)) : kRest * SE3::exp(xi_of(1e-3)), 1e-6 * Matrix6d::Identity(), 0, 0});
+  std::vector<PoseVote> again = votes;
+  const SE3 T = common_pose(votes);
+  EXPECT_LT((kRest.inverse() * T).log().norm(), 3e-4);
+  EXPECT_EQ(T.matrix(), common_pose(again).matrix());
 }
 
 TEST(Flex, WhatCannotBeIsRefused) {
