@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include <ceres/ceres.h>
+#include <Eigen/QR>
 
 #include <iclk/align/common/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
@@ -48,6 +50,47 @@ void StructureOptions::check() const {
 
 namespace {
 
+/// What holds a feature: where it was seen, and the weight of its depth's prior.
+struct FeatureCosts {
+  ceres::ResidualBlockId reprojection;
+  double prior;
+};
+
+/// Of the pose, and each depth's variance.
+struct StarCovariance {
+  Matrix6d pose;
+  std::vector<double> depths;
+};
+
+/// (J^T J)^-1 where every depth is joined with the pose alone: depths are eliminated by QR, each in its own rows. Nothing where
+/// the rest does not determine the pose. ceres::Covariance would say so on stderr.
+std::optional<StarCovariance> star_covariance(const ceres::Problem& problem, const std::vector<FeatureCosts>& costs) {
+  const auto n = static_cast<Eigen::Index>(costs.size());
+  Eigen::Matrix<double, Eigen::Dynamic, 6> rest(3 * n, 6), of_depth(n, 6);
+  Eigen::VectorXd length(n);
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const FeatureCosts& c = costs[static_cast<size_t>(i)];
+    Eigen::Matrix<double, 2, 6, Eigen::RowMajor> by_pose = Eigen::Matrix<double, 2, 6, Eigen::RowMajor>::Zero();
+    Eigen::Vector3d q(0, 0, c.prior);
+    double cost = 0, residuals[2], *jacobians[] = {by_pose.data(), q.data()};
+    problem.EvaluateResidualBlock(c.reprojection, true, &cost, residuals, jacobians);
+    length[i] = q.stableNorm();
+    q /= length[i];
+    of_depth.row(i) = q.head<2>().transpose() * by_pose;
+    rest.middleRows<3>(3 * i) = -q * of_depth.row(i);
+    rest.middleRows<2>(3 * i) += by_pose;
+  }
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(rest);
+  if (!rest.allFinite() || qr.rank() < 6) return {};
+  const Matrix6d inverse =
+      qr.colsPermutation() *
+      Matrix6d(qr.matrixR().topRows<6>().triangularView<Eigen::Upper>().solve(Eigen::MatrixXd::Identity(6, 6)));
+  StarCovariance out{inverse * inverse.transpose(), {}};
+  for (Eigen::Index i = 0; i < n; ++i)
+    out.depths.push_back((1 + (of_depth.row(i) * inverse).squaredNorm()) / (length[i] * length[i]));
+  return out;
+}
+
 // refine_structure() in the unit in which inverse depths are about 1.
 StructureResult refine_unit_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10, const StructureOptions& options) {
@@ -68,11 +111,13 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   ordering->AddElementToGroup(pose.data(), 1);
+  std::vector<FeatureCosts> costs;
   for (internal::Observation& o : used) {
     const double sigma_q = result.inverse_depth_sigma[o.feature];
-    problem.AddResidualBlock(new internal::ReprojectionCost(camera, camera.ray(o.uv0), o.uv1, o.W),
-                             new ceres::CauchyLoss(scale), pose.data(), &o.q);
-    problem.AddResidualBlock(new internal::DepthPriorCost(o.q, sigma_0 / sigma_q), nullptr, &o.q);
+    costs.push_back({problem.AddResidualBlock(new internal::ReprojectionCost(camera, camera.ray(o.uv0), o.uv1, o.W),
+                                              new ceres::CauchyLoss(scale), pose.data(), &o.q),
+                     sigma_0 / sigma_q});
+    problem.AddResidualBlock(new internal::DepthPriorCost(o.q, costs.back().prior), nullptr, &o.q);
     problem.SetParameterLowerBound(&o.q, 0, 1e-3 * o.q);  // a depth stays in front of the camera
     ordering->AddElementToGroup(&o.q, 0);
   }
@@ -95,26 +140,16 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   }
   for (const internal::Observation& o : used) result.inverse_depth[o.feature] = o.q;
 
-  std::vector<std::pair<const double*, const double*>> blocks{{pose.data(), pose.data()}};
-  for (const internal::Observation& o : used) blocks.emplace_back(&o.q, &o.q);
-  ceres::Covariance::Options covariance_options;
-  covariance_options.algorithm_type = ceres::SPARSE_QR;
-  ceres::Covariance covariance(covariance_options);
-  if (!covariance.Compute(blocks, &problem)) {
+  const auto covariance = star_covariance(problem, costs);
+  if (!covariance) {
     p.status = Status::degenerate;
     p.reason = "the aligned features do not determine pose and inverse depths";
     return result;
   }
   // Priors and positions are in units of sigma_0, which was measured: it is the scale of the whole system.
-  const double variance = sigma_0 * sigma_0;
-  Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
-  covariance.GetCovarianceBlockInTangentSpace(pose.data(), pose.data(), C.data());
-  p.covariance = variance * C + pose_only.shared;
-  for (const internal::Observation& o : used) {
-    double c = 0;
-    covariance.GetCovarianceBlock(&o.q, &o.q, &c);
-    result.inverse_depth_sigma[o.feature] = std::sqrt(variance * c);
-  }
+  p.covariance = sigma_0 * sigma_0 * covariance->pose + pose_only.shared;
+  for (size_t i = 0; i < used.size(); ++i)
+    result.inverse_depth_sigma[used[i].feature] = sigma_0 * std::sqrt(covariance->depths[i]);
   return result;
 }
 

@@ -87,6 +87,19 @@ TEST(Structure, ASigmaOfTheFeatureBeatsTheDefault) {
   EXPECT_NEAR(r.inverse_depth[8], f.inverse_depth[8], 1e-6 * truth);
 }
 
+TEST(Structure, WhatIsNotDeterminedIsAStatusAndNothingIsPrinted) {
+  const Scene scene = wide_scene();
+  std::mt19937 random(1);
+  Features f = test::random_features(scene, 30, 1);
+  const std::vector<AlignedFeature> a = correspondences(scene, f, 0.05, random);
+  for (const double q : f.inverse_depth) f.inverse_depth_sigma.push_back(1e18 * q);  // nothing tells the scale
+  testing::internal::CaptureStderr();
+  const StructureResult r = refine_structure(scene.camera, f, a, scene.T_10);
+  EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+  EXPECT_EQ(r.pose.status, Status::degenerate) << r.pose.reason;
+  EXPECT_TRUE(r.pose.covariance.isZero());
+}
+
 TEST(Structure, HostileInput) {
   const Scene scene = wide_scene();
   std::mt19937 random(1);
