@@ -36,7 +36,7 @@ class BoundTracker {
     options.masks = masks;
     const Camera camera = python::camera(intrinsics, width, height);
     const DepthSigma noise = parse_depth_sigma(depth_sigma);
-    options.depth_noise = {noise.constant + noise.disparity / std::abs(camera.fx), noise.relative};
+    if (noise.said()) options.depth_noise = {noise.constant + noise.disparity / std::abs(camera.fx), noise.relative};
     options.check();
     const SessionOptions session{.model = model,
                                  .model_folders = folders,
@@ -69,6 +69,10 @@ class BoundTracker {
     out["T_CK"] = to_array(r.T_CK);
     out["T_WC"] = to_array(r.T_WC);
     out["covariance"] = to_array(r.covariance);
+    out["origin"] = nb::none();
+    if (r.origin) out["origin"] = nb::make_tuple(r.origin->keyframe, to_array(r.origin->T_CK), to_array(r.origin->covariance));
+    out["before"] = nb::none();
+    if (r.before) out["before"] = nb::make_tuple(r.before->keyframe, r.before->time);
     out["features"] = r.features;
     out["visible"] = r.visible;
     out["inliers"] = r.inliers;

@@ -32,7 +32,7 @@ DepthSigma parse_depth_sigma(const std::string& text) {
   DepthSigma sigma;
   if (text == "auto") return sigma;
   if (text == "rendered") sigma.relative = kExact;
-  if (text == "structured-light") sigma.constant = 0.0014;
+  if (text == "structured-light") sigma.constant = kStructuredLightSigma;
   const std::string_view words = text;
   if (const std::string_view stereo = "stereo:"; words.starts_with(stereo)) {
     const std::string_view numbers = words.substr(stereo.size());

@@ -6,6 +6,10 @@
 
 namespace iclk {
 
+/// 1/m, of the inverse depths of structured light: a Kinect's depths are wrong by 0.0014 z^2 (Khoshelham and Oude Elberink
+/// 2012). What trackers take where nothing is said.
+inline constexpr double kStructuredLightSigma = 0.0014;
+
 /// How wrong a sensor's depths are: a standard deviation of the inverse depth q, constant + relative q. Zero: not said.
 struct DepthSigma {
   double constant = 0;   ///< 1/m; of stereo and structured light, whose depth errors grow with the square of the depth
@@ -17,8 +21,8 @@ struct DepthSigma {
   void apply(const Camera& camera, Features& features) const;
 };
 
-/// "auto" (nothing is said), "1.5%", "stereo:PX,BASELINE" (sigma of a disparity in px, m), "structured-light" (Kinect:
-/// 0.0014 z^2, Khoshelham and Oude Elberink 2012) or "rendered" (exact).
+/// "auto" (nothing is said), "1.5%", "stereo:PX,BASELINE" (sigma of a disparity in px, m), "structured-light"
+/// (kStructuredLightSigma) or "rendered" (exact).
 /// Throws Error(invalid_argument) that names the text and lists these.
 DepthSigma parse_depth_sigma(const std::string& text);
 

@@ -77,6 +77,10 @@ const char* name(TrackStatus status) {
 
 void TrackerOptions::check() const {
   check_range("features of a keyframe", detector.count, 10, 8192);
+  check_range("depth noise (constant)", depth_noise.constant, 0, 1e6);
+  check_range("depth noise (relative)", depth_noise.relative, 0, 10);
+  if (depth_noise.constant + depth_noise.relative == 0)
+    throw Error(ErrorCode::invalid_argument, "depth noise is 0: give a sigma; of exact depths a relative one of 1e-6");
   check_range("seeds of a keyframe", seeds, 0, 8192);
   check_range("keyframes", keyframes, 2, 4096);
   check_range("window", window, 1, 64);

@@ -8,6 +8,7 @@
 #include <iclk/align/aligner.h>
 #include <iclk/refine/refiner.h>
 #include <iclk/refine/rolling_shutter.h>
+#include <iclk/session/depth_sigma.h>
 #include <iclk/session/session.h>
 #include <iclk/track/bundle.h>
 #include <iclk/track/detector.h>
@@ -34,9 +35,9 @@ const char* name(TrackStatus status);
 
 struct TrackerOptions {
   CornerSettings detector;
-  DepthNoise depth_noise{.constant = 0.0016};  ///< of a structured light camera, 1 / m
-  bool masks = false;                          ///< frames come with masks
-  int keyframes = 32;                          ///< held at most, each in a slot of the aligner
+  DepthNoise depth_noise{.constant = kStructuredLightSigma};  ///< above 0: without a sigma depths would hold nothing
+  bool masks = false;                                         ///< frames come with masks
+  int keyframes = 32;                                         ///< held at most, each in a slot of the aligner
   /// Places without depth in a keyframe that the sensor gives less than detector.count features, at most: they become features
   /// when the frames that follow have told their depth (depth_filter.h). With 0 a frame without depth becomes no keyframe.
   int seeds = 200;

@@ -42,6 +42,7 @@ const char* const kTrackFooter =
     "  iclk track recording --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633 --out tracked\n"
     "  iclk track recording --readout auto --out tracked            # a phone's, a Kinect's: rows are read one by one\n"
     "  iclk track recording --model sd6dof-small --stride 2\n"
+    "  iclk track recording --mask bonnet.png --out tracked\n"
     "  iclk track recording --depth first.png --out tracked           # depth of the first frame; the rest by motion\n"
     "  iclk track video.mp4 --camera 517.3,516.5,318.6,255.3 --depth depths --depth-scale 5000 --out tracked\n"
     "\n"
@@ -58,7 +59,7 @@ void run_track(const TrackCommand& command) {
   RecordedFrames frames(options.frames);
   if (!frames.problem().empty()) spdlog::warn("{}", frames.problem());
   std::string noise = command.depth_sigma;
-  if (noise.empty())
+  if (noise.empty() || noise == "auto")
     noise = frames.stereo() && options.frames.depth.empty()
                 ? fmt::format("stereo:{},{}", kStereoSigma, frames.stereo()->baseline())
                 : "structured-light";
@@ -84,7 +85,8 @@ void run_track(const TrackCommand& command) {
               .bad = "lost"});
   };
   if (command.readout == "auto") options.tracker.readout = find_readout(options, frames, progress);
-  const TrackReport report = track_sequence(options, frames, progress);
+  TrackReport report = track_sequence(options, frames, progress);
+  report.readout_sought = command.readout == "auto";
   bar.clear();
   if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan here: running on {}", report.device);
   print(to_text(report));
@@ -123,9 +125,13 @@ void add_track(CLI::App& app) {
       ->check(CLI::ExistingPath);
   command->add_option("--depth-scale", frames.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
   command->add_option("--depth-sigma", options->depth_sigma,
-                      "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%; "
-                      "default: structured-light; of a "
+                      "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered (exact), or a percentage like 1.5%; "
+                      "default, and auto: structured-light; of a "
                       "stereo recording, half a pixel");
+  command
+      ->add_option("--mask", frames.mask,
+                   "Hide pixels where this image is 0: your own vehicle, captions; or a folder with a mask a frame, in order")
+      ->check(CLI::ExistingPath);
   command->add_option("--first", frames.first, "Frame to begin with")->capture_default_str()->check(CLI::NonNegativeNumber);
   command->add_option("--frames", frames.count, "Frames, at most; 0: all")
       ->capture_default_str()

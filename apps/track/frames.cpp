@@ -58,6 +58,20 @@ void RecordedFrames::give_depth() {
   for (size_t i = 0; i < files.size(); ++i) sequence_.frames[i].depth = files[i].string();
 }
 
+void RecordedFrames::load_masks() {
+  mask_ = lens().seen();
+  if (options_.mask.empty()) return;
+  if (!std::filesystem::is_directory(options_.mask)) {
+    mask_ = left_by(options_.mask);
+    return;
+  }
+  for (const auto& file : list_files(options_.mask)) masks_.push_back(file.string());
+  if (masks_.size() != sequence_.frames.size())
+    throw Error(ErrorCode::invalid_argument,
+                fmt::format("{} has {} masks, {} has {} frames: give a mask a frame, or one image for all", options_.mask,
+                            masks_.size(), options_.folder, sequence_.frames.size()));
+}
+
 RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options) {
   load(options);
   if (!options.camera && !sequence_.camera && !sequence_.rig)
@@ -86,14 +100,15 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
     camera_ = stereo_->camera();
     for (SequenceFrame& f : sequence_.frames)
       if (f.T_wc) f.T_wc = *f.T_wc * stereo_->T_left_rectified();
-    return;
+  } else {
+    camera_ = fit_camera(file, first.cols, first.rows);
+    undistorter_.emplace(camera_, distortion_);
   }
-  camera_ = fit_camera(file, first.cols, first.rows);
-  undistorter_.emplace(camera_, distortion_);
+  load_masks();
 }
 
 std::optional<RowTimes> RecordedFrames::rows() const {
-  if (!masks()) return {};  // nothing is resampled
+  if (lens().seen().empty()) return {};    // nothing is resampled
   const double last = camera_.height - 1;  // the camera's own image is as large
   return RowTimes(camera_,
                   [&](const Eigen::Vector2d& uv) { return row_time(camera_, std::clamp(lens().source(uv).y(), 0.0, last)); });
@@ -107,6 +122,14 @@ void RecordedFrames::check_size(const cv::Mat& image, const std::string& path) c
   if (image.cols != camera_.width || image.rows != camera_.height)
     throw Error(ErrorCode::invalid_argument, fmt::format("{} has {}x{} pixels, the first image {}x{}", path, image.cols,
                                                          image.rows, camera_.width, camera_.height));
+}
+
+/// What a mask leaves of what is seen, undistorted as the image is: a pixel into which a hidden one went is hidden.
+cv::Mat RecordedFrames::left_by(const std::string& path) const {
+  const cv::Mat given = load_mask(path);
+  check_size(given, path);
+  const cv::Mat mask = lens().image(given) == 255;
+  return lens().seen().empty() ? mask : cv::Mat(mask & lens().seen());
 }
 
 const RecordedFrames::Pixels& RecordedFrames::read(int i) {
@@ -125,6 +148,12 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
   cv::Mat depth, right;
   if (!f.depth.empty() && has_depth(i)) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, depth);
   if (!f.right.empty() && has_depth(i)) attempt([&] { return load_image(f.right); }, f.right, right);
+  pixels_.mask = mask_;
+  if (!masks_.empty()) {
+    const std::string& path = masks_[chosen_[static_cast<size_t>(i)]];
+    attempt([&] { return left_by(path); }, path, pixels_.mask);
+    if (pixels_.mask.empty()) pixels_.image.release();  // what is hidden would be looked at
+  }
   if (!pixels_.image.empty()) pixels_.image = lens().image(pixels_.image);
   if (!depth.empty()) pixels_.depth = lens().depth(depth);
   if (!right.empty() && !pixels_.image.empty()) pixels_.depth = stereo_->depth(pixels_.image, right);
@@ -135,7 +164,7 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
 TrackFrame RecordedFrames::view_of(int i) const {
   TrackFrame out{.time = time(i), .image = view(pixels_.image), .depth = {}, .mask = {}};
   if (!pixels_.depth.empty()) out.depth = view(pixels_.depth);
-  if (masks()) out.mask = view(seen());
+  if (masks()) out.mask = view(pixels_.mask);
   return out;
 }
 

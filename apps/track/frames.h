@@ -21,6 +21,9 @@ struct FramesOptions {
   /// Instead of the recording's: a folder of depth images, in order one a frame from the first on, as far as they go, or the
   /// depth image of the first frame; of the left camera as it sees, where there are two. Empty: the recording's.
   std::string depth;
+  /// Images that are 0 where nothing is to be looked at, as the (left) camera sees: one for all frames, or a folder with one a
+  /// frame, in order. Empty: nothing is hidden.
+  std::string mask;
   std::optional<CameraFile> camera;      ///< none: the folder's camera.txt
   std::optional<Distortion> distortion;  ///< none: the camera file's
   double depth_scale = 0;                ///< 0: the camera file's
@@ -45,8 +48,8 @@ class RecordedFrames {
   const std::string& problem() const { return problem_; }
   /// Of a stereo recording, whose camera is the rectified left one.
   const std::optional<StereoDepth>& stereo() const { return stereo_; }
-  bool masks() const { return !seen().empty(); }         ///< pixels that the lens did not see are masked
-  const cv::Mat& seen() const { return lens().seen(); }  ///< CV_8UC1, empty without masks()
+  /// Frames have masks: of what the lens did not see, and of what is hidden.
+  bool masks() const { return !lens().seen().empty() || !options_.mask.empty(); }
   /// When the camera read what a frame's pixels show; nothing where the frames are as it read them.
   std::optional<RowTimes> rows() const;
   double time(int i) const { return frame(i).stamp; }
@@ -56,6 +59,7 @@ class RecordedFrames {
   struct Pixels {
     cv::Mat image;        ///< empty: it cannot be read
     cv::Mat depth;        ///< CV_32FC1 metres, 0 where there is none; empty: none
+    cv::Mat mask;         ///< CV_8UC1; empty without masks()
     std::string problem;  ///< what could not be read, and why
   };
   const Pixels& read(int i);
@@ -67,6 +71,8 @@ class RecordedFrames {
   const SequenceFrame& frame(int i) const { return sequence_.frames[chosen_[static_cast<size_t>(i)]]; }
   void load(const FramesOptions& options);
   void give_depth();
+  void load_masks();
+  cv::Mat left_by(const std::string& path) const;
   cv::Mat image_of(int i);
   void check_size(const cv::Mat& image, const std::string& path) const;
   bool has_depth(int i) const { return options_.depth_every > 0 ? i % options_.depth_every == 0 : i == 0; }
@@ -76,6 +82,8 @@ class RecordedFrames {
   std::optional<Video> video_;
   std::string problem_;
   std::vector<size_t> chosen_;
+  std::vector<std::string> masks_;  // one a frame of the recording; or empty
+  cv::Mat mask_;                    // else: of all frames
   int doubled_ = 0;
   double scale_ = 0;
   Distortion distortion_;

@@ -1,28 +1,44 @@
 #pragma once
 #include <cstdint>
 #include <fstream>
+#include <optional>
 #include <string>
 #include <vector>
 
 #include <iclk/track/tracker.h>
 
+#include "apps/track/run.h"
+
 namespace iclk {
 
+/// An open file that no other process holds, until it goes.
+class FileLock {
+ public:
+  /// Makes the file where there is none. Throws Error(io), for another process that holds it with `held`.
+  FileLock(const std::string& path, const std::string& held);
+  ~FileLock();
+  FileLock(const FileLock&) = delete;
+  FileLock& operator=(const FileLock&) = delete;
+
+ private:
+  int file_ = -1;
+};
+
 /// What a run has written so far: live.txt and frames.jsonl, which grow with every frame, and now and then all that its tracker
-/// knows, from which a killed run goes on. With an empty folder nothing is written.
+/// knows, from which a killed run goes on. Locked against a second run. With an empty folder nothing is written.
 class Journal {
  public:
   /// `key`: of the options; a stopped run that finds another key is not continued but an Error(invalid_argument) that says what
   /// to do. `fresh`: begins anew all the same. Continuing, `tracker` is restored, and what was written after its state was is
-  /// cut off. Throws Error(io), and Error(invalid_argument) for a broken state.
+  /// cut off. Throws Error(io), also where another run writes there, and Error(invalid_argument) for a broken state.
   Journal(const std::string& folder, const std::string& key, bool fresh, Tracker& tracker);
 
   /// Of a run that goes on: what it had. Empty at a beginning.
   const std::vector<TrackResult>& results() const { return results_; }
-  double seconds() const { return seconds_; }
+  const TrackCounts& counts() const { return counts_; }
 
-  /// The result as it comes back from the file. `seconds`: in the tracker, in all.
-  TrackResult add(const TrackResult& result, double seconds, const Tracker& tracker);
+  /// The result as it comes back from the file. `counts`: of the whole run, with this frame.
+  TrackResult add(const TrackResult& result, const TrackCounts& counts, const Tracker& tracker);
   /// The run is done: the next one begins anew.
   void finish();
 
@@ -30,10 +46,14 @@ class Journal {
   void grow(std::ofstream& file, const std::string& path, const std::string& text, uint64_t& size);
   void save(const Tracker& tracker);
 
+  void restore(const std::string& folder, Tracker& tracker);
+
   std::string state_path_, lines_path_, live_path_, key_;
+  std::optional<FileLock> lock_;
   std::ofstream lines_, live_;
   uint64_t lines_size_ = 0, live_size_ = 0;
-  double seconds_ = 0, last_saved_ = 0, save_takes_ = 0;
+  TrackCounts counts_;
+  double last_saved_ = 0, save_takes_ = 0;
   std::vector<TrackResult> results_;
 };
 

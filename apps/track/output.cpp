@@ -51,11 +51,16 @@ std::string frame_json(const TrackResult& r) {
     line["T_WC"] = tum_line(r.T_WC);
     line["T_CK"] = tum_line(r.T_CK);
     line["covariance"] = matrix_json(r.covariance);
+    if (r.origin)
+      line["origin"] = {{"keyframe", r.origin->keyframe},
+                        {"T_CK", tum_line(r.origin->T_CK)},
+                        {"covariance", matrix_json(r.origin->covariance)}};
     line["features"] = r.features;
     line["visible"] = r.visible;
     line["inliers"] = r.inliers;
     line["sigma_px"] = r.sigma;
   }
+  if (r.before) line["keyframe_before"] = {{"keyframe", r.before->keyframe}, {"time", r.before->time}};
   line["searched"] = r.searched;
   line["ms"] = {{"align", r.align_ms}, {"keyframe", r.keyframe_ms}, {"bundle", r.bundle_ms}};
   return line.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace) + "\n";  // a file's name may be no UTF-8
@@ -76,6 +81,8 @@ TrackResult parse_frame_json(std::string_view text) {
     r.align_ms = line.at("ms").at("align");
     r.keyframe_ms = line.at("ms").at("keyframe");
     r.bundle_ms = line.at("ms").at("bundle");
+    if (const auto before = line.find("keyframe_before"); before != line.end())
+      r.before = TrackResult::Before{before->at("keyframe"), before->at("time")};
     if (r.status == TrackStatus::lost) return r;
     r.keyframe = line.at("keyframe");
     r.T_WC = parse_pose(line.at("T_WC").get<std::string>(), "T_WC");

@@ -25,7 +25,7 @@ struct TrackedFrame {
 std::string tum_text(std::span<const TrackedFrame> frames);
 /// The first three rows of T_WC a frame that was not lost.
 std::string kitti_text(std::span<const TrackedFrame> frames);
-/// A line of frames.jsonl, and what it says: all but the covariance. Throws Error(invalid_argument) for another line.
+/// A line of frames.jsonl, and what it says: all but covariance and origin. Throws Error(invalid_argument) for another line.
 std::string frame_json(const TrackResult& result);
 TrackResult parse_frame_json(std::string_view line);
 /// The held keyframes' features in the map, grey values as colours: an ASCII PLY.

@@ -21,8 +21,8 @@ struct PeerFrame {
   cv::Mat image, grey, depth, seen;
 };
 
-PeerFrame peer_frame(const RecordedFrames::Pixels& pixels, const RecordedFrames& frames) {
-  PeerFrame out{pixels.image.clone(), grey_8bit(pixels.image), {}, frames.seen().clone()};
+PeerFrame peer_frame(const RecordedFrames::Pixels& pixels) {
+  PeerFrame out{pixels.image.clone(), grey_8bit(pixels.image), {}, pixels.mask.clone()};
   out.depth = pixels.depth.empty() ? cv::Mat(pixels.image.size(), CV_32FC1, cv::Scalar(0)) : pixels.depth.clone();
   return out;
 }
@@ -61,7 +61,7 @@ std::vector<TrackPeer> chain_peers(RecordedFrames& frames, const std::function<v
   for (int i = 0; i < frames.size(); ++i) {
     const auto& pixels = frames.read(i);
     if (pixels.image.empty() || !frames.truth(i)) continue;
-    PeerFrame frame = peer_frame(pixels, frames);
+    PeerFrame frame = peer_frame(pixels);
     if (!before.image.empty()) {
       const PeerPair pair = pair_of(before, frame, frames.camera());
       for (Chain& chain : chains) {

@@ -26,9 +26,13 @@ constexpr int kReadoutFrames = 100, kReadoutRounds = 5;
 constexpr double kSameReadout = 1e-3, kLeastReadout = 2e-3;
 constexpr double kMostReadout = 0.1;  ///< s: ReadoutEstimate knows no longer ones
 constexpr double kReadoutSigmas = 3;
+/// s: about half of what cameras need.
+constexpr double kHalfReadout = 0.015;
 /// Of what features say over what is used. Steeper ones make much of the errors of both, and beyond the readout features follow
 /// what is used, right or wrong.
 constexpr double kMostSlope = 0.33;
+
+std::string absolute(const std::string& path) { return path.empty() ? path : std::filesystem::absolute(path).string(); }
 
 /// What must be the same for a run to be continued.
 std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
@@ -36,13 +40,13 @@ std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames,
   const FramesOptions& f = options.frames;
   return fmt::format(
       "{} {} first {} stride {} camera {} {} {} {} {} {} distorted {} {} scale {} model {} solver {} tracker {} {} {} {} {} "
-      "{} {} {} {} {} {} {} seeds {} depth {} {} {}",
-      version(), std::filesystem::absolute(f.folder).string(), f.first, f.stride, c.fx, c.fy, c.cx, c.cy, c.width, c.height,
+      "{} {} {} {} {} {} {} seeds {} depth {} {} {} rate {} mask {}",
+      version(), absolute(f.folder), f.first, f.stride, c.fx, c.fy, c.cx, c.cy, c.width, c.height,
       static_cast<int>(frames.distortion().model), fmt::join(frames.distortion().k, ","), f.depth_scale, options.model,
       static_cast<int>(options.solver), tracker.detector.count, tracker.depth_noise.constant, tracker.depth_noise.relative,
       tracker.keyframes, tracker.window, tracker.min_visible, tracker.max_flow, tracker.min_inliers, tracker.readout,
       tracker.weak_correlation, tracker.weak_motion, tracker.min_sharpness, tracker.seeds, f.depth_every, f.depth_holes,
-      f.depth.empty() ? f.depth : std::filesystem::absolute(f.depth).string());
+      absolute(f.depth), f.rate, absolute(f.mask));
 }
 
 void write_results(const TrackRunOptions& options, const Tracker& tracker, const Camera& camera,
@@ -53,8 +57,16 @@ void write_results(const TrackRunOptions& options, const Tracker& tracker, const
   std::vector<SE3> poses;
   for (int id = 0; id < tracker.keyframe_count(); ++id) poses.push_back(tracker.keyframe_pose(id));
   std::vector<TrackedFrame> keyframes;
-  for (const TrackedFrame& f : frames)
-    if (f.result.status == TrackStatus::keyframe) keyframes.push_back(f);
+  const auto add = [&](int id, double time) {
+    TrackedFrame& k = keyframes.emplace_back();
+    k.result.status = TrackStatus::keyframe;
+    k.result.time = time;
+    k.T_WC = tracker.keyframe_pose(id);
+  };
+  for (const TrackedFrame& f : frames) {
+    if (f.result.before) add(f.result.before->keyframe, f.result.before->time);
+    if (f.result.status == TrackStatus::keyframe) add(f.result.keyframe, f.result.time);
+  }
   write("trajectory.txt", tum_text(frames));
   write("trajectory_kitti.txt", kitti_text(frames));
   write("keyframes.txt", tum_text(keyframes));
@@ -69,12 +81,25 @@ int keep_largest_map(std::vector<TrackedFrame>& frames) {
   const auto largest =
       std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
   int others = 0;
-  for (TrackedFrame& f : frames)
-    if (f.result.status != TrackStatus::lost && f.result.map != largest->first) {
-      f.result.status = TrackStatus::lost;
-      ++others;
-    }
+  for (TrackedFrame& f : frames) {
+    if (f.result.map == largest->first) continue;
+    others += f.result.status != TrackStatus::lost;
+    f.result.status = TrackStatus::lost;
+    f.result.before.reset();
+  }
   return others;
+}
+
+/// Whether features say that there is a readout.
+bool decided(const TrackReport& r) {
+  return r.readout_sigma * kReadoutSigmas < std::abs(r.readout) && std::abs(r.readout) >= kLeastReadout;
+}
+
+/// The one with which most frames are confirmed; of none where that is as good.
+TrackReport better_half(const TrackReport& none, const TrackReport& first_to_last, const TrackReport& last_to_first) {
+  const auto confirmed = [](const TrackReport& r) { return r.frames - r.lost - r.unconfirmed; };
+  const TrackReport& half = confirmed(last_to_first) > confirmed(first_to_last) ? last_to_first : first_to_last;
+  return confirmed(half) > confirmed(none) ? half : none;
 }
 
 }  // namespace
@@ -84,13 +109,20 @@ double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
   TrackRunOptions trial = options;
   trial.out.clear();
   trial.most = kReadoutFrames;
-  double& used = trial.tracker.readout;
-  used = 0;
-  double used_before = 0, found_before = 0;
+  double used = 0, used_before = 0, found_before = 0;
+  const auto track_with = [&](double readout) {
+    trial.tracker.readout = readout;
+    return track_sequence(trial, frames, progress);
+  };
+  TrackReport report = track_with(0);
+  if (!decided(report)) {
+    report = better_half(report, track_with(kHalfReadout), track_with(-kHalfReadout));
+    used = report.readout_used;
+  }
   for (int round = 0; round < kReadoutRounds; ++round) {
-    const TrackReport report = track_sequence(trial, frames, progress);
+    if (round > 0) report = track_with(used);
     const double found = report.readout;
-    if (!(report.readout_sigma * kReadoutSigmas < std::abs(found)) || std::abs(found) < kLeastReadout) return 0;
+    if (!decided(report)) return 0;
     if (std::abs(found - used) < std::max(kSameReadout, report.readout_sigma)) return found;
     // Where too short a readout is used, features say half of what is missing: on, to where both meet by the last two rounds.
     const double slope = round > 0 ? (found - found_before) / (used - used_before) : 0;
@@ -119,7 +151,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   report.cpu_unasked = session.cpu_unasked();
   if (!options.out.empty()) make_output_folder(options.out);
   Journal journal(options.out, key_of(options, frames, how), options.fresh, tracker);
-  report.seconds = journal.seconds();
+  TrackCounts& counts = report.counts = journal.counts();
   std::vector<TrackedFrame> tracked;
   const int count = options.most > 0 ? std::min(options.most, frames.size()) : frames.size();
   report.continued = std::min(count, static_cast<int>(journal.results().size()));
@@ -134,8 +166,8 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   for (int i = 0; i < report.continued; ++i) keep(i, journal.results()[static_cast<size_t>(i)]);
   for (int i = report.continued; i < count; ++i) {
     const auto& pixels = frames.read(i);
-    if (!pixels.problem.empty() && report.unreadable++ == 0) report.first_problem = pixels.problem;
-    report.without_depth += pixels.depth.empty();
+    if (!pixels.problem.empty() && counts.unreadable++ == 0) counts.first_problem = pixels.problem;
+    counts.without_depth += pixels.depth.empty();
     TrackResult result;
     result.time = frames.time(i);
     result.reason = pixels.problem;
@@ -143,9 +175,9 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
       const TrackFrame frame = frames.view_of(i);
       const auto start = std::chrono::steady_clock::now();
       result = tracker.track(frame);
-      report.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+      counts.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
     }
-    keep(i, journal.add(result, report.seconds, tracker));
+    keep(i, journal.add(result, counts, tracker));
     progress(i + 1, count, report.lost);
   }
   report.frames = count;
@@ -177,17 +209,19 @@ std::string to_text(const TrackReport& r) {
   std::string text = fmt::format("frames     {}: {} tracked, {} of them not confirmed by features, {} lost; {} keyframes\n",
                                  r.frames, r.frames - r.lost, r.unconfirmed, r.lost, r.keyframes);
   if (r.continued > 0) text += fmt::format("continued  behind {} frames of a run that was stopped\n", r.continued);
-  if (r.without_depth > 0) text += fmt::format("depth      {} frames have none near in time\n", r.without_depth);
-  if (r.unreadable > 0) text += fmt::format("unreadable {}, the first: {}\n", r.unreadable, r.first_problem);
+  const TrackCounts& c = r.counts;
+  if (c.without_depth > 0) text += fmt::format("depth      {} frames have none near in time\n", c.without_depth);
+  if (c.unreadable > 0) text += fmt::format("unreadable {}, the first: {}\n", c.unreadable, c.first_problem);
   if (r.doubled > 0) text += fmt::format("left out   {} frames as late as the one before\n", r.doubled);
   text += fmt::format("speed      {:.1f} frames/s on {}: alignment {:.1f} ms a frame, new keyframes {:.1f}, bundles {:.1f}\n",
-                      r.frames / r.seconds, r.device, r.align_ms / r.frames, r.keyframe_ms / r.frames, r.bundle_ms / r.frames);
+                      r.frames / c.seconds, r.device, r.align_ms / r.frames, r.keyframe_ms / r.frames, r.bundle_ms / r.frames);
   if (r.elsewhere > 0) text += fmt::format("maps       {} more frames were tracked in other maps\n", r.elsewhere);
   if (r.readout_used != 0) text += fmt::format("shutter    rows taken as read in {:.1f} ms\n", 1000 * r.readout_used);
+  if (r.readout_used == 0 && r.readout_sought) text += "shutter    no readout found: rows taken as read at once\n";
   const double off = std::abs(r.readout - r.readout_used);
   if (off > kLeastReadout && off > kReadoutSigmas * r.readout_sigma)
     text += fmt::format("           features say {:.1f} +- {:.1f} ms{}\n", 1000 * r.readout, 1000 * r.readout_sigma,
-                        r.readout_used == 0 ? "; --readout auto looks for it" : "");
+                        r.readout_used == 0 && !r.readout_sought ? "; --readout auto looks for it" : "");
   if (!r.live) return text + "truth      none\n";
   for (const auto& [name, e] : {std::pair("live", *r.live), std::pair("adjusted", *r.adjusted)})
     text += fmt::format("{:<10} {}\n", name, to_text(e));

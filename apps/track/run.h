@@ -31,17 +31,24 @@ struct TrackErrors {
 };
 TrackErrors track_errors(std::span<const PosePair> poses);
 
+/// What a run counts as it goes on, and a continued one has to know.
+struct TrackCounts {
+  double seconds = 0;                     ///< in Tracker::track()
+  int without_depth = 0, unreadable = 0;  ///< frames without depth; frames, depths or masks that cannot be read
+  std::string first_problem;              ///< of those
+};
+
 struct TrackReport {
   std::string device;
   bool cpu_unasked = false;
   int frames = 0, continued = 0;  ///< continued: of these, by a run before
-  int lost = 0, unconfirmed = 0, keyframes = 0, without_depth = 0;
-  int elsewhere = 0;                                    ///< tracked, but in another map than the one that has most frames
-  int doubled = 0, unreadable = 0;                      ///< frames left out; frames or depths that cannot be read
+  int lost = 0, unconfirmed = 0, keyframes = 0;
+  int elsewhere = 0;  ///< tracked, but in another map than the one that has most frames
+  int doubled = 0;    ///< frames left out
+  TrackCounts counts;
+  bool readout_sought = false;                          ///< by find_readout()
   double readout_used = 0;                              ///< s: TrackerOptions::readout
   double readout = 0, readout_sigma = 0;                ///< s: what the features say of it (ReadoutEstimate)
-  std::string first_problem;                            ///< of those
-  double seconds = 0;                                   ///< in Tracker::track()
   double align_ms = 0, keyframe_ms = 0, bundle_ms = 0;  ///< sums
   std::optional<TrackErrors> live, adjusted;            ///< as they were answered, and by the keyframes' last poses
 };
@@ -54,7 +61,8 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
                            const std::function<void(int, int, int)>& progress);
 
 /// TrackerOptions::readout by the recording's first frames, which are tracked until what is used and what the features say are
-/// the same; 0 where nothing speaks for a rolling shutter. `progress` as above, once a round.
+/// the same; 0 where nothing speaks for a rolling shutter. Frames that are bent much may say too little of it: then half a
+/// readout of either sign is tried, and taken where more frames are confirmed with it. `progress` as above, once a round.
 double find_readout(const TrackRunOptions& options, RecordedFrames& frames, const std::function<void(int, int, int)>& progress);
 
 /// The report as lines of text; errors as half a line.

@@ -26,11 +26,15 @@ class TrackedFrame:
     keyframe: int  #: it was aligned with; of a keyframe, itself
     T_CK: Floats  #: 4 x 4, camera of that keyframe to this one: stays while the keyframe's pose may still be adjusted
     T_WC: Floats  #: 4 x 4, this camera to the world, as it is known now; of a lost frame, the last one that was known
-    covariance: Floats  #: 6 x 6 of [rho, phi] in the keyframe; 0 if lost
-    features: int
+    covariance: Floats  #: 6 x 6 of T_CK, [rho, phi]; 0 if lost, and of a keyframe, whose T_CK is exact
+    #: Of a keyframe: the other one that it was aligned with, T_CK of that one, and its covariance. None for a map's first
+    origin: tuple[int, Floats, Floats] | None
+    features: int  #: of that alignment, as are the three below
     visible: int
     inliers: int
-    sigma: float  #: px, of the residuals
+    sigma: float  #: px, of its residuals
+    #: Number and time of the frame that was tracked last, which became a keyframe after all; else None
+    before: tuple[int, float] | None
 
     @property
     def lost(self) -> bool:
@@ -45,7 +49,7 @@ class Tracker:
     ``iclk.Aligner``. solver: "device", "host" or "cpu". features: a keyframe. keyframes: held at most. window: newest that are
     adjusted together. min_visible: a frame that sees less of its keyframe's features becomes one. readout: s from an image's
     first row to its last, of a rolling shutter. depth_sigma: how wrong depths are, "structured-light", "stereo:PX,BASELINE",
-    "1.5%" or "rendered". masks: frames come with masks.
+    "1.5%" or "rendered"; "auto" is the default. masks: frames come with masks.
 
     The first frame says how large images are. One thread at a time. Raises ValueError for options that cannot be, and what
     ``iclk.Aligner`` raises.
@@ -88,7 +92,7 @@ class Tracker:
 
         image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, 0 or NaN where
         there is none; or None. stamp: s, later than the frame before. mask: H x W, 0 where the image is not to be looked at.
-        Raises ValueError for an image of another size or a stamp that is not later.
+        Raises ValueError for an image, depth or mask of another size, and a stamp that is not finite or not later.
         """
         pixels = _arrays.image(image, "image")
         core = self._core_of(pixels.shape[1], pixels.shape[0])

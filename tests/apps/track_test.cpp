@@ -2,10 +2,12 @@
 #include <filesystem>
 #include <sstream>
 
+#include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
 #include <iclk/session/io/pose_text.h>
 
+#include "apps/io/sequence.h"
 #include "batch_process.h"
 #include "command_fixture.h"
 #include "device.h"
@@ -53,11 +55,17 @@ TEST(Track, DepthOfFewFramesIsEnough) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
   if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  const Folder folder;
+  const std::string out = folder.path("out");
   for (const char* every : {"0", "5", "8", "10"}) {
-    const Finished f = run({"track", data, "--depth-sigma", "rendered", "--depth-every", every});
+    const Finished f = run({"track", data, "--depth-sigma", "rendered", "--depth-every", every, "--out", out});
     ASSERT_EQ(f.code, 0) << f.err;
     EXPECT_NE(f.out.find("60 tracked"), std::string::npos) << "depth of one frame of " << every << ": " << f.out;
     EXPECT_LT(number_after(f.out, "adjusted", "), "), 0.5) << every << ": " << f.out;
+    // Also those that the frame after made of a frame that was tracked.
+    EXPECT_EQ(load_trajectory(out + "/keyframes.txt").size(), number_after(f.out, "frames", "lost; "))
+        << every << ": " << f.out;
+    expect_lines_of("frame-1.json", out + "/frames.jsonl");
   }
 }
 
@@ -72,6 +80,34 @@ TEST(Track, AHandHeldCameraWithItsShutter) {
   EXPECT_LT(number_after(f.out, "adjusted", "30 frames "), 3) << f.out;
   EXPECT_NEAR(number_after(f.out, "shutter", "read in "), 28, 5) << f.out;
   EXPECT_LT(number_after(f.out, "of them not confirmed by features, ", "features, "), 15) << f.out;
+}
+
+TEST(Track, AShutterThatRunsUpwardsIsFoundAsWell) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tum_fr1_rpy_300");
+  if (data.empty()) GTEST_SKIP() << "no tum_fr1_rpy_300 in ICLK_DATA or ../shared/data";
+  const Folder folder;
+  const std::string turned = folder.path("turned");
+  fs::create_directories(turned);
+  std::string rgb, depth;
+  const Sequence sequence = load_sequence(data);
+  for (size_t i = 0; i < 100; ++i) {
+    const SequenceFrame& f = sequence.frames[i];
+    for (const bool colour : {true, false}) {
+      cv::Mat image = cv::imread(colour ? f.image : f.depth, cv::IMREAD_UNCHANGED);
+      cv::flip(image, image, -1);
+      const std::string name = (colour ? "rgb_" : "z_") + std::to_string(i) + ".png";
+      cv::imwrite(turned + "/" + name, image);
+      (colour ? rgb : depth) += fmt::format("{:.6f} {}\n", f.stamp, name);
+    }
+  }
+  folder.write("turned/rgb.txt", rgb);
+  folder.write("turned/depth.txt", depth);
+  folder.write("turned/camera.txt", "517.3 516.5 320.4 223.7 640 480 5000\n");
+  folder.write("turned/groundtruth.txt", bytes_of(data + "/groundtruth.txt"));
+  const Finished f = run({"track", turned, "--distortion", "radtan:0.2624,-0.9531,0.0054,-0.0026,1.1633", "--readout", "auto"});
+  ASSERT_EQ(f.code, 0) << f.err;
+  EXPECT_NEAR(number_after(f.out, "shutter", "read in "), -28, 5) << f.out;
 }
 
 TEST(Track, OthersFromFrameToFrame) {
@@ -92,9 +128,11 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
   const Folder folder;
   const std::string whole = folder.path("whole"), killed = folder.path("killed");
   const auto command = [&](const std::string& out) {
-    return std::vector<std::string>{"track", data, "--depth-sigma", "rendered", "--out", out};
+    return std::vector<std::string>{"track", data, "--depth-sigma", "rendered", "--depth-every", "2", "--out", out};
   };
-  ASSERT_EQ(run(command(whole)).code, 0);
+  const Finished at_once = run(command(whole));
+  ASSERT_EQ(at_once.code, 0) << at_once.err;
+  EXPECT_NE(at_once.out.find("depth      30 frames"), std::string::npos) << at_once.out;
   const std::string state = killed + "/stopped.state";
   {
     Process process(command(killed));
@@ -120,11 +158,116 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
   const Finished f = run(command(killed));
   ASSERT_EQ(f.code, 0) << f.err;
   EXPECT_NE(f.out.find("continued  behind "), std::string::npos) << f.out;
+  EXPECT_NE(f.out.find("depth      30 frames"), std::string::npos) << f.out;
   for (const char* name : {"trajectory.txt", "trajectory_kitti.txt", "keyframes.txt", "live.txt", "map.ply", "path.png"})
     EXPECT_EQ(bytes_of(killed + "/" + name), bytes_of(whole + "/" + name)) << name;
   expect_lines_of("frame-1.json", killed + "/frames.jsonl");
   EXPECT_FALSE(fs::exists(state));
   EXPECT_EQ(run(command(killed)).out.find("continued"), std::string::npos);  // done is done: it begins anew
+}
+
+TEST(Track, OneRunAFolder) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  const Folder folder;
+  const std::string out = folder.path("out");
+  const std::vector<std::string> command = {"track", data, "--depth-sigma", "rendered", "--frames", "30", "--out", out};
+  Process first(command);
+  ASSERT_TRUE(wait_until([&] { return !bytes_of(out + "/frames.jsonl").empty() || first.ended(); }));
+  first.signal(SIGSTOP);  // in the midst of it, however long the others take
+  std::vector<std::string> anew = command;
+  anew.push_back("--fresh");
+  for (const auto& second : {command, anew}) {
+    const Finished refused = run(second);
+    EXPECT_EQ(refused.code, 4);
+    EXPECT_NE(refused.err.find("another iclk track"), std::string::npos) << refused.err;
+  }
+  first.signal(SIGCONT);
+  EXPECT_EQ(first.wait(), 0) << first.err();
+  EXPECT_EQ(load_trajectory(out + "/trajectory.txt").size(), 30u);
+  expect_lines_of("frame-1.json", out + "/frames.jsonl");
+}
+
+TEST(Track, AutoIsTheDefaultOfASensorsErrors) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  const Folder folder;
+  const auto live = [&](const std::string& name, const std::string& sigma) {
+    std::vector<std::string> command = {"track", data, "--frames", "8", "--out", folder.path(name)};
+    if (!sigma.empty()) command.insert(command.end(), {"--depth-sigma", sigma});
+    EXPECT_EQ(run(command).code, 0);
+    return bytes_of(folder.path(name) + "/trajectory.txt");
+  };
+  const std::string by_default = live("a", "");
+  EXPECT_EQ(live("b", "auto"), by_default);
+  EXPECT_EQ(live("c", "structured-light"), by_default);
+  EXPECT_NE(live("d", "rendered"), by_default);
+}
+
+/// Frames of a recording, seen over a bonnet that fills the lower 40 % of the image, to which the sensor gives a
+/// depth.
+void write_with_bonnet(const std::string& from, const std::string& to, int first, int frames, const Folder& folder) {
+  const SequenceOptions how{.rate = 30, .need_depth = true};
+  const Sequence sequence = load_sequence(from, how);
+  std::string rgb, depth;
+  cv::Mat bonnet;
+  for (int i = 0; i < frames; ++i) {
+    const SequenceFrame& f = sequence.frames[static_cast<size_t>(first + i)];
+    cv::Mat image = cv::imread(f.image), z = cv::imread(f.depth, cv::IMREAD_UNCHANGED);
+    const cv::Rect hidden(0, image.rows * 6 / 10, image.cols, image.rows * 4 / 10);
+    if (bonnet.empty()) bonnet = image(hidden).clone();
+    bonnet.copyTo(image(hidden));
+    z(hidden) = 1000;
+    const std::string name = std::to_string(i) + ".png";
+    cv::imwrite(to + "/rgb_" + name, image);
+    cv::imwrite(to + "/z_" + name, z);
+    rgb += std::to_string(f.stamp) + " rgb_" + name + "\n";
+    depth += std::to_string(f.stamp) + " z_" + name + "\n";
+    cv::Mat mask(image.size(), CV_8UC1, cv::Scalar(255));
+    mask(hidden) = 0;
+    if (i == 0) cv::imwrite(to + "/bonnet.png", mask);
+    cv::imwrite(to + "/masks/" + name, mask);
+  }
+  const std::string base = fs::path(to).filename().string() + "/";
+  folder.write(base + "rgb.txt", rgb);
+  folder.write(base + "depth.txt", depth);
+  for (const char* name : {"camera.txt", "groundtruth.txt"}) folder.write(base + name, bytes_of(from + "/" + name));
+}
+
+TEST(Track, MasksHideTheOwnVehicle) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  const Folder folder;
+  const std::string driven = folder.path("driven"), masks = driven + "/masks";
+  fs::create_directories(masks);
+  write_with_bonnet(data, driven, 10, 10, folder);
+  const auto track = [&](const std::string& mask) {
+    return run({"track", driven, "--depth-sigma", "rendered", "--mask", mask, "--out", folder.path("out"), "--fresh"});
+  };
+  const Finished one = track(driven + "/bonnet.png");
+  ASSERT_EQ(one.code, 0) << one.err;
+  EXPECT_NE(one.out.find("10 tracked, 0 of them not confirmed"), std::string::npos) << one.out;
+  EXPECT_LT(number_after(one.out, "adjusted", "ATE "), 1.0) << one.out;
+  const std::string trajectory = bytes_of(folder.path("out") + "/trajectory.txt");
+  ASSERT_EQ(track(masks).code, 0);
+  EXPECT_EQ(bytes_of(folder.path("out") + "/trajectory.txt"), trajectory);
+  // A mask that cannot be read costs its frame; what fits no frame is refused.
+  folder.write("driven/masks/4.png", "");
+  const Finished broken = track(masks);
+  EXPECT_EQ(broken.code, 0);
+  EXPECT_NE(broken.out.find("1 lost"), std::string::npos) << broken.out;
+  EXPECT_NE(broken.out.find("masks/4.png"), std::string::npos) << broken.out;
+  fs::remove(masks + "/4.png");
+  const Finished few = track(masks);
+  EXPECT_EQ(few.code, 3);
+  EXPECT_NE(few.err.find("9 masks"), std::string::npos) << few.err;
+  cv::imwrite(driven + "/small.png", cv::Mat(60, 80, CV_8UC1, cv::Scalar(255)));
+  const Finished small = track(driven + "/small.png");
+  EXPECT_EQ(small.code, 3);
+  EXPECT_NE(small.err.find("80x60"), std::string::npos) << small.err;
 }
 
 TEST(Track, BadInputIsSaid) {
