@@ -61,7 +61,8 @@ struct HostDevice {
   /// Called around every vkQueueSubmit on `queue`, if the application uses that queue from other threads. Both or neither;
   /// neither may call iclk, and unlock_queue may not throw.
   std::function<void()> lock_queue, unlock_queue;
-  VkPipelineCache pipeline_cache = VK_NULL_HANDLE;  ///< null: the context makes its own
+  /// Used from many threads at once, so not made EXTERNALLY_SYNCHRONIZED. Null: the context makes its own.
+  VkPipelineCache pipeline_cache = VK_NULL_HANDLE;
   /// kMatrixExtensions and their features are enabled: Context::matrices() is what the device has.
   bool cooperative_matrices = false;
   /// Where all memory of this context comes from and goes to. Both or neither: vkAllocateMemory. Called from whichever thread

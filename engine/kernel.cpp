@@ -10,6 +10,9 @@
 namespace iclk::engine {
 namespace {
 
+/// Where there are no more threads, who waits does the work.
+constexpr auto kThreads = std::launch::async | std::launch::deferred;
+
 std::string who_of(const KernelDescription& d) { return std::string("kernel '") + d.name + "': "; }
 
 /// As the context reads: texel buffers, or storage buffers in their place.
@@ -100,7 +103,7 @@ void KernelBatch::make() {
   for (const auto& each : wanted_) check_description(*context_, suited(*context_, each.second));
   std::vector<std::pair<Kernel*, std::future<Kernel>>> made;
   for (const auto& each : wanted_)
-    made.emplace_back(each.first, std::async(std::launch::async, [&] { return Kernel(context_, each.second); }));
+    made.emplace_back(each.first, std::async(kThreads, [&] { return Kernel(context_, each.second); }));
   std::vector<Kernel> kernels;
   for (auto& [kernel, future] : made) kernels.push_back(future.get());
   for (size_t i = 0; i < made.size(); ++i) *made[i].first = std::move(kernels[i]);

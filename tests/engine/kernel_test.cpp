@@ -1,6 +1,10 @@
 #include "kernels.h"
 
+#include <pthread.h>
+
 #include <numeric>
+#include <system_error>
+#include <thread>
 
 #include <gtest/gtest.h>
 
@@ -111,6 +115,43 @@ TEST(Kernel, ADeferredOneIsCheckedAtOnceAndMadeWhereItIsRecorded) {
   const Kernel eager(device(), description);
   EXPECT_EQ(deferred.pipeline(), eager.pipeline()) << "it was made too early";
   EXPECT_EQ(copy.pipeline(), deferred.pipeline());
+}
+
+/// While it lives, no thread can be started: none has room for its stack.
+class NoThreads {
+ public:
+  NoThreads() {
+    pthread_getattr_default_np(&before_);
+    pthread_attr_t attributes;
+    pthread_getattr_default_np(&attributes);
+    pthread_attr_setstacksize(&attributes, size_t{1} << 50);
+    pthread_setattr_default_np(&attributes);
+    pthread_attr_destroy(&attributes);
+  }
+  ~NoThreads() {
+    pthread_setattr_default_np(&before_);
+    pthread_attr_destroy(&before_);
+  }
+
+ private:
+  pthread_attr_t before_;
+};
+
+TEST(Kernel, AreMadeOneByOneWhereThereAreNoThreads) {
+  ICLK_NEED_DEVICE();
+  Kernel a, b;
+  KernelBatch batch(device());
+  for (const auto& [kernel, workgroup] : {std::pair(&a, 16u), {&b, 32u}})
+    batch.add(*kernel, {.name = "scale",
+                        .spirv = scale_comp_spv,
+                        .bindings = {BindingKind::storage_read_write},
+                        .push_constant_bytes = sizeof(ScalePush),
+                        .specialization = {workgroup}});
+  const NoThreads none;
+  EXPECT_THROW(std::thread([] {}).join(), std::system_error);
+  EXPECT_NO_THROW(batch.make());
+  EXPECT_EQ(a.bindings().size(), 1u);
+  EXPECT_EQ(b.bindings().size(), 1u);
 }
 
 TEST(Kernel, RejectsWhatIsNotSpirvAndNamesIt) {
