@@ -15,22 +15,14 @@
 
 #include "apps/track/journal.h"
 #include "apps/track/output.h"
+#include "apps/track/readout.h"
 #include "apps/version.h"
 
 namespace iclk {
 namespace {
 
 constexpr int kRelativeFrames = 30;
-constexpr int kReadoutFrames = 100, kReadoutRounds = 5;
-/// s: readouts are the same to so much, and so little is none.
-constexpr double kSameReadout = 1e-3, kLeastReadout = 2e-3;
-constexpr double kMostReadout = 0.1;  ///< s: ReadoutEstimate knows no longer ones
-constexpr double kReadoutSigmas = 3;
-/// s: about half of what cameras need.
-constexpr double kHalfReadout = 0.015;
-/// Of what features say over what is used. Steeper ones make much of the errors of both, and beyond the readout features follow
-/// what is used, right or wrong.
-constexpr double kMostSlope = 0.33;
+constexpr int kReadoutFrames = 100;
 
 std::string absolute(const std::string& path) { return path.empty() ? path : std::filesystem::absolute(path).string(); }
 
@@ -90,18 +82,6 @@ int keep_largest_map(std::vector<TrackedFrame>& frames) {
   return others;
 }
 
-/// Whether features say that there is a readout.
-bool decided(const TrackReport& r) {
-  return r.readout_sigma * kReadoutSigmas < std::abs(r.readout) && std::abs(r.readout) >= kLeastReadout;
-}
-
-/// The one with which most frames are confirmed; of none where that is as good.
-TrackReport better_half(const TrackReport& none, const TrackReport& first_to_last, const TrackReport& last_to_first) {
-  const auto confirmed = [](const TrackReport& r) { return r.frames - r.lost - r.unconfirmed; };
-  const TrackReport& half = confirmed(last_to_first) > confirmed(first_to_last) ? last_to_first : first_to_last;
-  return confirmed(half) > confirmed(none) ? half : none;
-}
-
 }  // namespace
 
 double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
@@ -109,29 +89,11 @@ double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
   TrackRunOptions trial = options;
   trial.out.clear();
   trial.most = kReadoutFrames;
-  double used = 0, used_before = 0, found_before = 0;
-  const auto track_with = [&](double readout) {
+  return find_readout([&](double readout) {
     trial.tracker.readout = readout;
-    return track_sequence(trial, frames, progress);
-  };
-  TrackReport report = track_with(0);
-  if (!decided(report)) {
-    report = better_half(report, track_with(kHalfReadout), track_with(-kHalfReadout));
-    used = report.readout_used;
-  }
-  for (int round = 0; round < kReadoutRounds; ++round) {
-    if (round > 0) report = track_with(used);
-    const double found = report.readout;
-    if (!decided(report)) return 0;
-    if (std::abs(found - used) < std::max(kSameReadout, report.readout_sigma)) return found;
-    // Where too short a readout is used, features say half of what is missing: on, to where both meet by the last two rounds.
-    const double slope = round > 0 ? (found - found_before) / (used - used_before) : 0;
-    const double step = (found - used) / (1 - std::clamp(slope, 0.0, kMostSlope));
-    used_before = used;
-    found_before = found;
-    used = std::clamp(used + step, -kMostReadout, kMostReadout);
-  }
-  return used;
+    const TrackReport r = track_sequence(trial, frames, progress);
+    return ReadoutTrial{readout, r.readout, r.readout_sigma, r.frames - r.lost - r.unconfirmed};
+  });
 }
 
 TrackErrors track_errors(std::span<const PosePair> poses) {

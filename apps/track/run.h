@@ -60,9 +60,7 @@ struct TrackReport {
 TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frames,
                            const std::function<void(int, int, int)>& progress);
 
-/// TrackerOptions::readout by the recording's first frames, which are tracked until what is used and what the features say are
-/// the same; 0 where nothing speaks for a rolling shutter. Frames that are bent much may say too little of it: then half a
-/// readout of either sign is tried, and taken where more frames are confirmed with it. `progress` as above, once a round.
+/// TrackerOptions::readout by the recording's first frames (readout.h). `progress` as above, once a round.
 double find_readout(const TrackRunOptions& options, RecordedFrames& frames, const std::function<void(int, int, int)>& progress);
 
 /// The report as lines of text; errors as half a line.
