@@ -33,6 +33,17 @@ def test_a_tracker_follows(device: str | None) -> None:
         tracker.track(seen[0].reference, seen[0].depth, 0.5)
     with pytest.raises(ValueError, match="160x120"):
         tracker.track(seen[0].reference[1:], None, 2.0)
+    assert first.origin is None and first.before is None and not first.covariance.any()
+
+
+def test_a_trackers_mask_is_of_the_images_size() -> None:
+    s = frames(1)[0]
+    tracker = iclk.Tracker(s.K, device="cpu", features=100, readout=0.03, masks=True, depth_sigma="auto")
+    with pytest.raises(ValueError, match="a mask of 2000000x2"):
+        tracker.track(s.reference, s.depth, 0.0, mask=np.full((2, 2000000), True))
+    with pytest.raises(ValueError, match="time is nan"):
+        tracker.track(s.reference, s.depth, float("nan"))
+    assert not tracker.track(s.reference, s.depth, 0.0, mask=np.full((120, 160), True)).lost
 
 
 def test_a_tracker_goes_on_from_its_state() -> None:

@@ -476,6 +476,12 @@ TEST(Tracker, WhatCannotBeTrackedIsRefused) {
   TrackerOptions bad = options_for();
   bad.window = 0;
   EXPECT_THROW(Tracker(*t.aligner, Flight::get().camera, bad), Error);
+  for (const DepthNoise noise : {DepthNoise{}, DepthNoise{-0.001, 0.01}, DepthNoise{NAN, 0}}) {
+    bad = options_for();
+    bad.depth_noise = noise;
+    EXPECT_THROW(bad.check(), Error);
+  }
+  EXPECT_EQ(TrackerOptions().depth_noise.constant, parse_depth_sigma("structured-light").constant);
   bad = options_for();
   bad.keyframes = 100;  // more than the aligner has slots
   EXPECT_THROW(Tracker(*t.aligner, Flight::get().camera, bad), Error);
