@@ -19,9 +19,13 @@ bool decided(const ReadoutTrial& t) {
   return t.sigma * kReadoutSigmas < std::abs(t.found) && std::abs(t.found) >= kLeastReadout;
 }
 
-/// The one with which most frames are confirmed; the first where that is as good.
-ReadoutTrial best_of(const ReadoutTrial& a, const ReadoutTrial& b, const ReadoutTrial& c) {
-  return std::max({a, b, c}, [](const auto& x, const auto& y) { return x.confirmed < y.confirmed; });
+/// The half that features bear out, if only one is. Where nothing rolls they follow either, and what has fewer frames confirmed
+/// than none is no readout.
+ReadoutTrial better_of(const ReadoutTrial& none, const ReadoutTrial& a, const ReadoutTrial& b) {
+  const auto borne_out = [](const ReadoutTrial& t) { return decided(t) && t.found * t.used > 0; };
+  if (borne_out(a) != borne_out(b)) return borne_out(a) ? a : b;
+  const ReadoutTrial& half = a.confirmed < b.confirmed ? b : a;
+  return half.confirmed > none.confirmed ? half : none;
 }
 
 }  // namespace
@@ -32,7 +36,7 @@ double find_readout(const std::function<ReadoutTrial(double readout)>& track_wit
   for (int round = 0; round < kReadoutRounds; ++round) {
     ReadoutTrial trial = track_with(used);
     if (!decided(trial) && !std::exchange(halves_tried, true))
-      trial = best_of(trial, track_with(kHalfReadout), track_with(-kHalfReadout));
+      trial = better_of(trial, track_with(kHalfReadout), track_with(-kHalfReadout));
     if (!decided(trial)) return 0;
     used = trial.used;
     const double found = trial.found;

@@ -14,8 +14,8 @@ struct ReadoutTrial {
 };
 
 /// A readout with which what is used and what the features say are the same; 0 where nothing speaks for a rolling shutter.
-/// Frames that are bent much may say too little of it: then half a readout of either sign is tried, and gone on from where it
-/// has more frames confirmed.
+/// Frames that are bent much may say too little of it: then half a readout of either sign is tried, and gone on from the one
+/// that features bear out; if they do both or none, where more frames are confirmed.
 double find_readout(const std::function<ReadoutTrial(double readout)>& track_with);
 
 }  // namespace iclk
