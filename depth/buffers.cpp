@@ -54,7 +54,7 @@ DepthBuffers::DepthBuffers(const DepthPlan& p, int rows, engine::MemoryPlan& mem
   census = memory.add("census", 4 * area * images, MemoryKind::device, texels, word);
   costs = memory.add("costs", bytes, MemoryKind::device, texels, quad);
   for (engine::BufferId& path : paths) path = memory.add("path costs", bytes, MemoryKind::device, texels, quad);
-  corners = memory.add("corners", 16 * area * (images - 1), MemoryKind::device, texels, four);
+  corners = memory.add("corners", 16 * area * images, MemoryKind::device, texels, four);
   winners = memory.add("winners", 8 * area, MemoryKind::device, BufferUse::storage);
   claims = memory.add("claims", 4 * area * (images - 1), MemoryKind::device, BufferUse::storage);
   raw_planes = memory.add("raw planes", 4 * area, MemoryKind::device, texels, real);

@@ -40,8 +40,8 @@ constexpr int kWays[ICLK_DEPTH_PATHS][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "depth: " + why); }
 
-/// The row of K_1 [R K_0^-1 | t] that gives one coordinate of view pixels.
-shaders::DepthView view_of(const Camera& reference, const DepthSource& source) {
+/// `middle` is the inverse depth of the plane by which a view's pixels go back to the reference.
+shaders::DepthView view_of(const Camera& reference, const DepthSource& source, double middle) {
   Eigen::Matrix3d K_1, K_0_inverse;
   const Camera& c = source.camera;
   K_1 << c.fx, 0, c.cx, 0, c.fy, c.cy, 0, 0, 1;
@@ -49,7 +49,12 @@ shaders::DepthView view_of(const Camera& reference, const DepthSource& source) {
   const Eigen::Matrix3f H = (K_1 * source.T_10.R * K_0_inverse).cast<float>();
   const Eigen::Vector3f e = (K_1 * source.T_10.t).cast<float>();
   const auto row = [&](int i) { return shaders::vec4{H(i, 0), H(i, 1), H(i, 2), e(i)}; };
-  return {row(0), row(1), row(2)};
+  // A view beyond the plane would see its back, and from the plane itself nothing goes back.
+  const double ahead = -(source.T_10.R.transpose() * source.T_10.t).z(), w = ahead * middle > 0.5 ? 0.5 / ahead : middle;
+  const Eigen::Matrix3d plane = source.T_10.R + w * source.T_10.t * Eigen::RowVector3d::UnitZ();
+  const Eigen::Matrix3f back = (K_1 * plane * K_0_inverse).inverse().cast<float>();
+  const auto back_row = [&](int i) { return shaders::vec4{back(i, 0), back(i, 1), back(i, 2), 0}; };
+  return {row(0), row(1), row(2), back_row(0), back_row(1), back_row(2)};
 }
 
 }  // namespace
@@ -69,7 +74,7 @@ struct DepthSweep::Impl {
     constexpr uint32_t push = sizeof(shaders::DepthPush);
     const auto views = static_cast<uint32_t>(plan.views);
     engine::KernelBatch batch(context);
-    batch.add(census, {"census", census_comp_spv, {texel_read, storage_write}, push, {kGroup}});
+    batch.add(census, {"census", census_comp_spv, {texel_read, uniform, storage_write}, push, {kGroup}});
     batch.add(cost, {"cost", cost_comp_spv, {texel_read, texel_read, uniform, storage_write}, push, {kGroup, quads, views}});
     batch.add(path, {"path", path_comp_spv, {texel_read, texel_read, storage_write}, push, {kPathGroup, quads}});
     std::vector<engine::BindingKind> sums(ICLK_DEPTH_PATHS, texel_read);
@@ -172,14 +177,14 @@ struct DepthSweep::Impl {
     for (const BufferId id : {ids.views, ids.grey, ids.priors}) recorder.upload(m[id], 0, m[id].size);
     recorder.fill(m[ids.claims], 0xffffffffu);
     recorder.stage("census");
-    recorder.dispatch(census, {&m[ids.grey], &m[ids.census]}, push, {all.x, 1, push.views + 1});
+    recorder.dispatch(corners, {&m[ids.grey], &m[ids.corners]}, push, {all.x, 1, push.views + 1});
+    recorder.dispatch(census, {&m[ids.corners], &m[ids.views], &m[ids.census]}, push, {all.x, 1, push.views + 1});
     for (int row = 0; row < plan.height; row += strips.answered) record_strip(recorder, push, row);
     recorder.stage("consistent");
     recorder.dispatch(consistent, {&m[ids.winners], &m[ids.claims], &m[ids.views], &m[ids.raw_planes]}, push, all);
     recorder.stage("median");
     recorder.dispatch(median, {&m[ids.raw_planes], &m[ids.planes]}, push, all);
     recorder.stage("polish");
-    recorder.dispatch(corners, {&m[ids.grey], &m[ids.corners]}, push, {all.x, 1, push.views});
     BufferId from = ids.planes, to = ids.raw_planes;
     for (int i = 0; i < options.iterations; ++i, std::swap(from, to))
       recorder.dispatch(polish, {&m[ids.grey], &m[from], &m[ids.views], &m[to], &m[ids.corners]}, push, all);
@@ -217,7 +222,7 @@ struct DepthSweep::Impl {
     write(memory[ids.grey], 0, reference);
     for (size_t i = 0; i < sources.size(); ++i) {
       write(memory[ids.grey], i + 1, sources[i].image);
-      views->view[i] = view_of(camera, sources[i]);
+      views->view[i] = view_of(camera, sources[i], 0.5 * (1 / range.near + 1 / range.far));
     }
     write_priors(priors, push);
     record(push);

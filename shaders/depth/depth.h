@@ -37,6 +37,7 @@ using vec4 = std::array<float, 4>;
 // (x / z, y / z) is the pixel, z > 0 in front of the camera.
 struct DepthView {
   vec4 row_u, row_v, row_z;
+  vec4 back_u, back_v, back_z;  // takes the view's pixel (u, v, 1) to the reference, by the plane in the middle of the range
 };
 
 struct DepthViews {

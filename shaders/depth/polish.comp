@@ -32,7 +32,7 @@ void main() {
   vec2 last = vec2(push.width, push.height) - 1.0;
   float top = 0.0, bottom = 0.0;
   for (uint view = 0u; view < push.views; ++view) {
-    int base = int(view * area);
+    int base = int((view + 1u) * area);
     vec3 a_plane = epipole_of(view) * push.step;
     vec3 right = ray_right(view) + a_plane * gradient.x, down = ray_down(view) + a_plane * gradient.y;
     vec3 middle = ray_in(view, vec2(at)) + epipole_of(view) * push.first + a_plane * plane;

@@ -4,6 +4,7 @@
 #include <random>
 
 #include <gtest/gtest.h>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 
 #include <iclk/depth/depth_sweep.h>
@@ -29,15 +30,16 @@ double texture(double x, double y) {
   return sum;
 }
 
-/// The plane w = a + b u + c v (inverse depth over the reference's pixels), seen after a translation `t`; exact, since a plane
-/// gives a homography.
-Map seen(const Eigen::Vector3d& plane, const Eigen::Vector3d& t) {
-  Map map(kWidth, kHeight);
+/// Takes (u, v, 1) of the reference to a view of the plane w = a + b u + c v (inverse depth over the reference's pixels).
+Eigen::Matrix3d homography(const Eigen::Vector3d& plane, const SE3& T_10) {
   Eigen::Matrix3d K;
   K << kCamera.fx, 0, kCamera.cx, 0, kCamera.fy, kCamera.cy, 0, 0, 1;
-  // (u, v, 1) of the reference goes to it + K t w(u, v).
-  const Eigen::Matrix3d H = Eigen::Matrix3d::Identity() + K * t * Eigen::RowVector3d(plane.y(), plane.z(), plane.x());
-  const Eigen::Matrix3d back = H.inverse();
+  return K * T_10.R * K.inverse() + K * T_10.t * Eigen::RowVector3d(plane.y(), plane.z(), plane.x());
+}
+
+Map seen_from(const SE3& T_10, const Eigen::Vector3d& plane) {
+  Map map(kWidth, kHeight);
+  const Eigen::Matrix3d back = homography(plane, T_10).inverse();
   for (int v = 0; v < kHeight; ++v)
     for (int u = 0; u < kWidth; ++u) {
       const Eigen::Vector3d p = back * Eigen::Vector3d(u, v, 1);
@@ -45,6 +47,8 @@ Map seen(const Eigen::Vector3d& plane, const Eigen::Vector3d& t) {
     }
   return map;
 }
+
+Map seen(const Eigen::Vector3d& plane, const Eigen::Vector3d& t) { return seen_from({Eigen::Matrix3d::Identity(), t}, plane); }
 
 ImageView view(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
 SE3 moved(const Eigen::Vector3d& t) { return {Eigen::Matrix3d::Identity(), t}; }
@@ -97,6 +101,53 @@ TEST(DepthSweep, PlanesOfKnownInverseDepth) {
     const Figures e = error_of(sweep.compute(view(a), kCamera, std::span(&source, 1), kRange), plane, 6);
     EXPECT_LT(e.median, 0.001) << plane.transpose();  // 0.02 px
     EXPECT_GT(e.share, 0.97) << plane.transpose();
+  }
+}
+
+/// A view of the plane, and what the sweep says of the reference's pixels that lie well inside it.
+Figures figures_of(const Eigen::Vector3d& plane, const SE3& T_10) {
+  const Map a = seen(plane, Eigen::Vector3d::Zero()), b = seen_from(T_10, plane);
+  const DepthSource source{view(b), kCamera, T_10};
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1});
+  const DepthMap map = sweep.compute(view(a), kCamera, std::span(&source, 1), kRange);
+  const Eigen::Matrix3d H = homography(plane, T_10);
+  std::vector<double> errors;
+  int count = 0;
+  for (int v = 6; v < kHeight - 6; ++v)
+    for (int u = 6; u < kWidth - 6; ++u) {
+      const Eigen::Vector2d p = (H * Eigen::Vector3d(u, v, 1)).hnormalized();
+      if (p.x() < 6 || p.y() < 6 || p.x() > kWidth - 7 || p.y() > kHeight - 7) continue;
+      const double truth = plane.dot(Eigen::Vector3d(1, u, v)), w = static_cast<double>(map.inverse_depth.at(u, v));
+      ++count;
+      if (w > 0) errors.push_back(std::abs(w - truth) / truth);
+    }
+  std::sort(errors.begin(), errors.end());
+  return errors.empty() ? Figures{1, 0} : Figures{errors[errors.size() / 2], static_cast<double>(errors.size()) / count};
+}
+
+TEST(DepthSweep, ViewsMayBeTurned) {
+  ICLK_NEED_DEVICE();
+  const Eigen::Vector3d plane(0.15, 0.0005, 0.001);
+  for (const double tilt : {0.0, 15.0})
+    for (const double roll : {0.0, 30.0, 45.0, 90.0, 135.0, 180.0, 300.0}) {
+      const Eigen::Matrix3d R = (Eigen::AngleAxisd(roll * M_PI / 180, Eigen::Vector3d::UnitZ()) *
+                                 Eigen::AngleAxisd(tilt * M_PI / 180, Eigen::Vector3d::UnitY()))
+                                    .toRotationMatrix();
+      // The tilted view stands where it looks at the same.
+      const Eigen::Vector3d place(tilt > 0 ? -1.6 : 0.5, 0, 0);
+      const Figures e = figures_of(plane, {R, -R * place});
+      EXPECT_LT(e.median, 0.002) << "roll " << roll << " tilt " << tilt;
+      EXPECT_GT(e.share, 0.95) << "roll " << roll << " tilt " << tilt;
+    }
+}
+
+TEST(DepthSweep, ViewsMayBeFartherAway) {
+  ICLK_NEED_DEVICE();
+  const Eigen::Vector3d plane(0.2, 0.0005, 0.001);
+  for (const double back : {-1.5, 2.0, 4.0}) {
+    const Figures e = figures_of(plane, moved({-0.5, 0, back}));
+    EXPECT_LT(e.median, 0.004) << back;
+    EXPECT_GT(e.share, 0.9) << back;
   }
 }
 
