@@ -31,7 +31,7 @@ int run(int argc, char** argv) {
   iclk::add_eval(app, exit);
   iclk::add_model(app, exit);
   iclk::add_render(app, exit);
-  iclk::add_depth(app);
+  iclk::add_depth(app, exit);
   iclk::add_stereo(app, exit);
   iclk::add_track(app);
   try {

@@ -9,6 +9,7 @@
 
 #include <iclk/depth/internal/buffers.h>
 #include <iclk/depth/internal/speckles.h>
+#include <iclk/depth/internal/verdict.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/recorder.h>
 #include <iclk/shaders/depth/depth.h>
@@ -244,7 +245,28 @@ struct DepthSweep::Impl {
       valid += w > 0;
     }
     map.valid = static_cast<double>(valid) / static_cast<double>(area());
+    map.seen = seen_by(*views, push);
+    internal::judge(map);
+    compare(map, priors, options.tolerance * static_cast<double>(push.step));
     return map;
+  }
+
+  /// Share of the reference's pixels that a view sees, in the mean over the planes: of a grid of them.
+  double seen_by(const shaders::DepthViews& views, const shaders::DepthPush& push) const {
+    constexpr int kGrid = 16;
+    int seen = 0;
+    for (int i = 0; i < kGrid * kGrid * kGrid; ++i) {
+      const auto part = [](int k) { return (k % kGrid + 0.5f) / kGrid; };
+      const Eigen::Vector4f p(part(i) * static_cast<float>(plan.width), part(i / kGrid) * static_cast<float>(plan.height), 1,
+                              push.first + push.step * part(i / (kGrid * kGrid)) * static_cast<float>(plan.planes - 1));
+      const auto inside = [&](const shaders::DepthView& view) {
+        const auto at = [&](const shaders::vec4& row) { return p.dot(Eigen::Map<const Eigen::Vector4f>(row.data())); };
+        const float z = at(view.row_z), u = at(view.row_u) / z, v = at(view.row_v) / z;
+        return z > 0 && u >= 0 && v >= 0 && u < static_cast<float>(plan.width) && v < static_cast<float>(plan.height);
+      };
+      seen += std::any_of(views.view, views.view + push.views, inside);
+    }
+    return static_cast<double>(seen) / (kGrid * kGrid * kGrid);
   }
 
   /// Copies a buffer of the device to the host, with memory of its own.

@@ -1,8 +1,11 @@
 #pragma once
+#include <limits>
 #include <memory>
 #include <span>
+#include <string>
 #include <vector>
 
+#include <iclk/align/alignment.h>
 #include <iclk/align/camera.h>
 #include <iclk/align/features.h>
 #include <iclk/align/image.h>
@@ -27,7 +30,19 @@ struct DepthMap {
   Map inverse_depth;  ///< 1/m; 0: none
   Map confidence;     ///< share by which the second best plane is worse, 0 to 1; 0 without inverse depth, and outside all views
   double valid = 0;   ///< share of pixels that have an inverse depth
+  double seen = 0;    ///< share of pixels that a view sees, in the mean over the planes
+  /// Share of the sparse depths that the map confirms; NaN: unknown.
+  double agreeing = std::numeric_limits<double>::quiet_NaN();
+  /// converged; low_overlap: the views hardly see the reference; degenerate: hardly a plane matches better than others, as it
+  /// is where a pose is wrong; diverged: the map contradicts most sparse depths.
+  Status status = Status::degenerate;
+  std::string reason = {};  ///< the status in words
 };
+
+/// Compares a map with sparse depths of the reference and says what comes of it in `agreeing`, `reason` and, where most
+/// contradict it by more than `tolerance` (1/m) and 5 %, in `status`. It looks beside each sparse depth, where a prior has no
+/// say. Fewer than 8 that have answers beside them say nothing. compute() does so with its priors.
+void compare(DepthMap& map, const Features& sparse, double tolerance);
 
 /// Gives pixels without an inverse depth one, of what lies around: along eight ways the nearest answers are looked for, and the
 /// second least inverse depth is taken, since what is hidden in the views lies behind what hides it. Their confidence stays 0.

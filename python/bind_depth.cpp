@@ -24,7 +24,7 @@ namespace {
 using Source = std::tuple<Array, Pose, Intrinsics>;
 
 /// As `iclk depth` does it. near 0: as the priors, with a margin.
-std::tuple<NewArray<float>, NewArray<float>, double, double, double, int> depth_map(
+std::tuple<NewArray<float>, NewArray<float>, double, double, double, int, std::string, std::string> depth_map(
     const Array& reference, const Intrinsics& intrinsics, const std::vector<Source>& views, double near, double far,
     const Points& uv, const Vector& inverse_depth, int planes, bool fill_gaps, const std::string& device) {
   const ImageView image = image_view(reference);
@@ -68,7 +68,9 @@ std::tuple<NewArray<float>, NewArray<float>, double, double, double, int> depth_
           map.valid,
           range.near,
           range.far,
-          plan.planes};
+          plan.planes,
+          name(map.status),
+          map.reason};
 }
 
 }  // namespace

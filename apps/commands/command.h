@@ -54,7 +54,7 @@ void add_bench(CLI::App& app, int& exit);
 void add_model(CLI::App& app, int& exit);
 void add_render(CLI::App& app, int& exit);
 void add_stereo(CLI::App& app, int& exit);
-void add_depth(CLI::App& app);
+void add_depth(CLI::App& app, int& exit);
 void add_track(CLI::App& app);
 
 }  // namespace iclk

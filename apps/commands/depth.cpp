@@ -32,6 +32,10 @@ const char* const kDepthFooter =
     "Written to --out: depth.tiff and depth.exr (32-bit float metres, 0: none), depth.png (16 bit; its scale is printed),\n"
     "confidence.png, colour.png and cloud.ply.\n"
     "\n"
+    "Exit code 0 (converged) says that the map is supported: 11 (low_overlap) that the targets hardly see REF, 12\n"
+    "(degenerate) that hardly a depth matches better than others, as with a wrong pose, 14 (diverged) that most of the\n"
+    "depths given contradict the map. The files are written all the same.\n"
+    "\n"
     "Examples:\n"
     "  iclk depth left.png right.png --camera 994.978,994.978,311.193,254.877 \\\n"
     "    --target-camera 994.978,994.978,342.279,254.877 --pose '-0.193001 0 0 0 0 0 1' --depth-range 2,6 --out depth\n"
@@ -51,7 +55,7 @@ nlohmann::ordered_json to_json(const DepthFigures& f) {
           {"known", f.known}};
 }
 
-void run_depth(const DepthCommand& command) {
+void run_depth(const DepthCommand& command, int& exit) {
   command.options.check();
   if (!command.out.empty()) make_output_folder(command.out);
   const DepthInput input = load_depth_input(command.files);
@@ -82,13 +86,16 @@ void run_depth(const DepthCommand& command) {
   DepthMap map = sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);
   const double cpu = watch.cpu_ms() / 1000, wall = watch.wall_ms() / 1000;
 
+  const double step = (1 / input.range.near - 1 / input.range.far) / (plan.planes - 1);
+  if (input.priors.size() == 0) compare(map, input.measured, options.tolerance * step);
   if (command.fill) fill(map);
   const cv::Mat depth = depth_image(map);
-  nlohmann::ordered_json json = {{"schema", "iclk-depth-1"},      {"width", plan.width}, {"height", plan.height},
-                                 {"planes", plan.planes},         {"views", plan.views}, {"near", input.range.near},
-                                 {"far", input.range.far},        {"valid", map.valid},  {"png_scale", png_scale(depth)},
-                                 {"strips", sweep.strips()},      {"seconds", wall},     {"cpu_seconds", cpu},
-                                 {"device", context->info().name}};
+  nlohmann::ordered_json json = {
+      {"schema", "iclk-depth-1"},      {"status", name(map.status)}, {"reason", map.reason},   {"seen", map.seen},
+      {"agreeing", map.agreeing},      {"width", plan.width},        {"height", plan.height},  {"planes", plan.planes},
+      {"views", plan.views},           {"near", input.range.near},   {"far", input.range.far}, {"valid", map.valid},
+      {"png_scale", png_scale(depth)}, {"strips", sweep.strips()},   {"seconds", wall},        {"cpu_seconds", cpu},
+      {"device", context->info().name}};
   std::string text =
       fmt::format("depth      {}x{}, {} views, {} planes from {:.4g} to {:.4g} m\nvalid      {:.1f} %\n", plan.width,
                   plan.height, plan.views, plan.planes, input.range.near, input.range.far, 100 * map.valid);
@@ -122,12 +129,14 @@ void run_depth(const DepthCommand& command) {
   if (!command.out.empty())
     text += fmt::format("written    {} in {}; depth.png holds {:g} units a metre\n",
                         write_depth(command.out, map, input.reference, input.camera), command.out, png_scale(depth));
+  text += fmt::format("status     {}: {}\n", name(map.status), map.reason);
   print(command.json ? json.dump(2) + "\n" : text);
+  exit = exit_code(map.status);
 }
 
 }  // namespace
 
-void add_depth(CLI::App& app) {
+void add_depth(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand("depth", "A dense depth map of an image from others whose poses are known");
   auto options = std::make_shared<DepthCommand>();
   DepthFiles& files = options->files;
@@ -159,7 +168,9 @@ void add_depth(CLI::App& app) {
   command->add_option("--features", files.features, "Sparse depths of REF, a CSV as of align: priors, and the range")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_option("--depth", files.depth, "A depth image that tells the range where nothing else does")
+  command
+      ->add_option("--depth", files.depth,
+                   "A depth image of REF: the map is compared with it, and it tells the range where nothing else does")
       ->check(not_empty)
       ->type_name("FILE");
   command->add_option("--depth-scale", files.depth_scale, "Raw units a metre of its 16 bits");
@@ -196,7 +207,7 @@ void add_depth(CLI::App& app) {
   command->add_flag("--json", options->json, "The summary as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the device's time went, on standard error");
   command->footer(std::string(kDepthFooter) + kExitCodesHelp);
-  command->callback([options] { run_depth(*options); });
+  command->callback([options, &exit] { run_depth(*options, exit); });
 }
 
 }  // namespace iclk

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <memory>
 
+#include <iclk/align/alignment.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/io/distortion.h>
 #include <iclk/session/io/feature_csv.h>
@@ -33,6 +34,9 @@ void read_result(const std::string& path, DepthInput& input) {
   std::string why;
   const auto json = parse_json(read_file(path), &why);
   if (json.is_discarded() || !json.is_object()) refuse(path + ": no JSON of iclk align: " + why);
+  const auto status = json.find("status");
+  if (status != json.end() && *status != name(Status::converged) && *status != name(Status::max_iterations))
+    refuse(path + ": its status is " + status->dump() + ", so its T_10 is no answer; align the images first");
   const auto pose = json.find("T_10");
   if (pose == json.end()) refuse(path + ": has no T_10; give the result.json of iclk align");
   input.T_10.push_back(parse_pose(pose->dump(), path + ": T_10"));
@@ -48,6 +52,17 @@ void read_result(const std::string& path, DepthInput& input) {
     input.priors.uv.push_back(uv);
     input.priors.inverse_depth.push_back(value("inverse_depth"));
   }
+}
+
+Features measured(const cv::Mat& depth) {
+  Features out;
+  for (int v = 0; v < depth.rows; ++v)
+    for (int u = 0; u < depth.cols; ++u)
+      if (const float z = depth.at<float>(v, u); z > 0) {
+        out.uv.push_back({u, v});
+        out.inverse_depth.push_back(1 / static_cast<double>(z));
+      }
+  return out;
 }
 
 DepthRange parse_range(const std::string& text) {
@@ -97,14 +112,11 @@ DepthInput load_depth_input(const DepthFiles& files) {
       input.priors.inverse_depth.push_back(given.inverse_depth[i]);
     }
   }
+  if (!files.depth.empty())
+    input.measured = measured(load_depth(files.depth, files.depth_scale > 0 ? files.depth_scale : camera.depth_scale));
   if (!files.range.empty()) return input;
   std::vector<double> known = input.priors.inverse_depth;
-  if (!files.depth.empty()) {
-    const cv::Mat depth = load_depth(files.depth, files.depth_scale > 0 ? files.depth_scale : camera.depth_scale);
-    for (int v = 0; v < depth.rows; ++v)
-      for (int u = 0; u < depth.cols; ++u)
-        if (depth.at<float>(v, u) > 0) known.push_back(1 / static_cast<double>(depth.at<float>(v, u)));
-  }
+  known.insert(known.end(), input.measured.inverse_depth.begin(), input.measured.inverse_depth.end());
   if (known.empty())
     refuse(files.reference +
            ": where to look for depth is not said; give --depth-range NEAR,FAR or sparse "

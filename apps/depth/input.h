@@ -20,7 +20,7 @@ struct DepthFiles {
   std::string pose_file;           ///< a line a target
   std::string result;              ///< of iclk align: pose and features
   std::string camera, target_camera, distortion;
-  std::string features, depth;  ///< sparse depths, or a depth image as priors' range
+  std::string features, depth;  ///< sparse depths, or a depth image
   double depth_scale = 0;
   std::string range;  ///< NEAR,FAR in metres
 };
@@ -33,6 +33,7 @@ struct DepthInput {
   std::vector<Camera> cameras;  ///< one a target
   std::vector<SE3> T_10;        ///< one a target
   Features priors;
+  Features measured;  ///< of the depth image, which is no prior
   DepthRange range;
 };
 

@@ -20,6 +20,8 @@ class DepthMap(NamedTuple):
     near: float  #: where it was looked for, m
     far: float
     planes: int
+    status: str  #: "converged", "low_overlap", "degenerate" or "diverged", as `iclk depth` says it: docs/depth.md
+    reason: str
 
 
 def depth_map(

@@ -54,6 +54,36 @@ TEST_F(DepthCommand, WritesWhatItSays) {
   EXPECT_GT(whole.at("valid").get<double>(), 0.8);
 }
 
+TEST_F(DepthCommand, TheExitCodeSaysWhatTheMapIsWorth) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  const auto run_with = [&](const std::string& pose, const std::vector<std::string>& more) {
+    std::vector<std::string> all = {file("a.png"), file("b.png"), "--camera", camera_, "--pose", pose, "--json"};
+    all.insert(all.end(), more.begin(), more.end());
+    return run(depth(all));
+  };
+  const auto said = [](const Finished& f) { return nlohmann::json::parse(f.out).at("status").get<std::string>(); };
+  const Finished right = run_with(truth_, {"--depth", file("d.exr")});
+  EXPECT_EQ(right.code, 0) << right.out;
+  EXPECT_EQ(said(right), "converged");
+  EXPECT_GT(nlohmann::json::parse(right.out).at("agreeing").get<double>(), 0.9);
+  const Finished wrong = run_with("1 0 0 0 0 1 0", {"--depth", file("d.exr")});
+  EXPECT_EQ(wrong.code, 12) << wrong.out;
+  EXPECT_EQ(said(wrong), "degenerate");
+  cv::Mat far;
+  cv::imread(file("d.exr"), cv::IMREAD_UNCHANGED).convertTo(far, CV_32F, 2);
+  cv::imwrite(folder.path("far.tiff"), far);
+  const std::string range = "0.5," + std::to_string(10 * cv::mean(far)[0]);
+  const Finished contradicted = run_with(truth_, {"--depth", folder.path("far.tiff"), "--depth-range", range});
+  EXPECT_EQ(contradicted.code, 14) << contradicted.out;
+  const std::string lost =
+      folder.write("lost.json", R"({"status": "diverged", "T_10": [[1, 0, 0, 1], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]})");
+  const Finished refused =
+      run(depth({file("a.png"), file("b.png"), "--camera", camera_, "--result", lost, "--depth-range", "1,9"}));
+  EXPECT_EQ(refused.code, 3);
+  EXPECT_NE(refused.err.find("diverged"), std::string::npos) << refused.err;
+}
+
 TEST_F(DepthCommand, BadInputIsSaid) {
   const Folder folder;
   EXPECT_NE(run({"depth", "--help"}).out.find("Examples:"), std::string::npos);

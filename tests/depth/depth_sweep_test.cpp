@@ -110,6 +110,7 @@ Figures figures_of(const Eigen::Vector3d& plane, const SE3& T_10) {
   const DepthSource source{view(b), kCamera, T_10};
   DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1});
   const DepthMap map = sweep.compute(view(a), kCamera, std::span(&source, 1), kRange);
+  EXPECT_EQ(map.status, Status::converged) << map.reason;
   const Eigen::Matrix3d H = homography(plane, T_10);
   std::vector<double> errors;
   int count = 0;
@@ -311,6 +312,37 @@ TEST(DepthSweep, StripsSayWhatTheWholeSays) {
     EXPECT_EQ(error.code(), ErrorCode::unsupported);
     EXPECT_NE(std::string(error.what()).find("1000000"), std::string::npos) << error.what();
   }
+}
+
+TEST(DepthSweep, AStatusSaysWhatTheMapIsWorth) {
+  ICLK_NEED_DEVICE();
+  const Eigen::Vector3d plane(0.15, 0.0005, 0.001);
+  const Map a = seen(plane, Eigen::Vector3d::Zero()), b = seen(plane, kLeft);
+  DepthSweep sweep(device(), {kWidth, kHeight, kPlanes, 1});
+  const auto map_of = [&](const SE3& T_10, double farther = 0) {
+    Features sparse;
+    for (int v = 10; farther > 0 && v < kHeight; v += 12)
+      for (int u = 40; u < kWidth - 6; u += 12)
+        sparse.uv.push_back({u, v}), sparse.inverse_depth.push_back(plane.dot(Eigen::Vector3d(1, u, v)) / farther);
+    const DepthSource source{view(b), kCamera, T_10};
+    return sweep.compute(view(a), kCamera, std::span(&source, 1), kRange, sparse);
+  };
+  const auto turned = [](double degrees, const Eigen::Vector3d& axis) {
+    return SE3{Eigen::AngleAxisd(degrees * M_PI / 180, axis).toRotationMatrix(), kLeft};
+  };
+  const DepthMap right = map_of(moved(kLeft));
+  EXPECT_EQ(right.status, Status::converged) << right.reason;
+  EXPECT_NEAR(right.seen, 1 - 15.5 / kWidth, 0.02);  // 0 to 31 px leave the view
+  EXPECT_TRUE(std::isnan(right.agreeing));
+  const DepthMap told = map_of(moved(kLeft), 1);
+  EXPECT_EQ(told.status, Status::converged) << told.reason;
+  EXPECT_GT(told.agreeing, 0.9);
+  const DepthMap contradicted = map_of(moved(kLeft), 2);
+  EXPECT_EQ(contradicted.status, Status::diverged) << contradicted.reason;
+  EXPECT_LT(contradicted.agreeing, 0.2);
+  EXPECT_NE(contradicted.reason.find("sparse depths"), std::string::npos);
+  EXPECT_EQ(map_of(turned(90, Eigen::Vector3d::UnitZ())).status, Status::degenerate);
+  EXPECT_EQ(map_of(turned(180, Eigen::Vector3d::UnitY())).status, Status::low_overlap);
 }
 
 TEST(DepthSweep, HostileInputIsRefusedWithItsName) {

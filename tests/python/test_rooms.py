@@ -73,7 +73,10 @@ def test_a_depth_map_is_that_of_the_plane() -> None:
         assert m.depth.shape == m.confidence.shape == s.depth.shape and m.depth.dtype == np.float32
         known = m.depth > 0
         assert m.valid == pytest.approx(known.mean()) and m.valid > 0.8
+        assert m.status == "converged" and "% of the pixels" in m.reason
         assert np.median(np.abs(m.depth - s.depth)[known] / s.depth[known]) < 0.01
+    lied = iclk.depth_map(s.reference, [(s.target, s.T_10)], s.K, near=2, far=20, uv=s.uv, depth=2 * s.z)
+    assert lied.status == "diverged" and "sparse depths" in lied.reason
     filled = iclk.depth_map(s.reference, [(s.target, s.T_10)], s.K, near=3, far=6, fill=True)
     assert (filled.depth > 0).all()
     for wrong, words in (
