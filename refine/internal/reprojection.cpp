@@ -210,16 +210,32 @@ Ending ending(const ceres::Solver::Summary& summary) {
           summary.num_successful_steps + summary.num_unsuccessful_steps, summary.message};
 }
 
+namespace {
+
+/// Standard deviation across the line that fits points best.
+double width_of(std::span<const Eigen::Vector2d> points) {
+  Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+  for (const Eigen::Vector2d& p : points) mean += p / static_cast<double>(points.size());
+  Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
+  for (const Eigen::Vector2d& p : points) scatter += (p - mean) * (p - mean).transpose() / static_cast<double>(points.size());
+  return std::sqrt(std::max(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(scatter, Eigen::EigenvaluesOnly).eigenvalues()[0], 0.0));
+}
+
+constexpr double kLeastWidth = 0.02;  // of the image's height: right poses have 0.07 and more, those of one edge 0.005 at most
+
+}  // namespace
+
 bool judge(std::span<const Observation> observations, const Camera& camera, const Ending& ending, const PoseOptions& options,
            double scale, PoseResult& result) {
   const std::vector<double> norms = residual_norms(camera, observations, result.T_10);
   result.cost = cauchy_cost(norms, scale);
   result.sigma = std::sqrt(variance_factor(norms, scale, 6));
-  result.inliers = 0;
+  std::vector<Eigen::Vector2d> agree;
   for (const Observation& o : observations) {
     const auto r = residual(camera, o, result.T_10);
-    if (r && r->norm() <= options.inlier_distance) ++result.inliers;
+    if (r && r->norm() <= options.inlier_distance) agree.push_back(o.uv0);
   }
+  result.inliers = static_cast<int>(agree.size());
   std::ostringstream why;
   why << inliers_text(result.inliers, result.used, options);
   if (!ending.usable || !result.T_10.R.allFinite() || !result.T_10.t.allFinite()) {
@@ -231,6 +247,12 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
     result.status = Status::diverged;
     why << ", " << std::max<double>(options.min_features, std::ceil(options.min_inlier_share * result.used)) << " needed";
     result.reason = why.str();
+    return false;
+  }
+  if (const double width = width_of(agree); !(width >= kLeastWidth * camera.height)) {
+    result.status = Status::degenerate;
+    result.reason = std::to_string(result.inliers) + " features agree on the pose and lie on one line, " + std::to_string(width) +
+                    " px wide: each may slide along it";
     return false;
   }
   result.status = ending.converged ? Status::converged : Status::max_iterations;
