@@ -6,6 +6,11 @@
 #include <iclk/engine/error.h>
 
 namespace iclk {
+namespace {
+
+constexpr double kLeastFocal = 0.05;  // of the image's side
+
+}  // namespace
 
 void Camera::check() const {
   std::ostringstream why;
@@ -15,6 +20,9 @@ void Camera::check() const {
     why << "camera focal length fx,fy = " << fx << "," << fy << " must not be zero";
   else if (width <= 0 || height <= 0)
     why << "camera image size " << width << "x" << height << " is empty";
+  else if (std::abs(fx) < kLeastFocal * width || std::abs(fy) < kLeastFocal * height)
+    why << "camera focal length fx,fy = " << fx << "," << fy << " is too short for " << width << "x" << height
+        << " pixels; give it in pixels (of normalised intrinsics: fx and cx times the width, fy and cy times the height)";
   else
     return;
   throw Error(ErrorCode::invalid_argument, why.str());

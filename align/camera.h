@@ -12,7 +12,8 @@ struct Camera {
   double fx = 0, fy = 0, cx = 0, cy = 0;
   int width = 0, height = 0;  ///< pixels of the image that the intrinsics belong to
 
-  /// Throws Error(invalid_argument) that names the value: not finite, zero focal length, empty image.
+  /// Throws Error(invalid_argument) that names the value: not finite, an empty image, a focal length of zero or so short that
+  /// the image would be wider or higher than 168 degrees (intrinsics over the image's sides, or in millimetres).
   void check() const;
 
   /// The camera of pyramid level l (2x2 means): fx / 2^l, (cx + 0.5) / 2^l - 0.5, sizes floored.

@@ -13,7 +13,7 @@ namespace iclk {
 struct Features {
   std::vector<Eigen::Vector2d> uv;    ///< N pixels of level 0
   std::vector<double> inverse_depth;  ///< N
-  /// N standard deviations of inverse_depth, or empty; what is not positive is unknown. The refinement weighs by them and has
+  /// N standard deviations of inverse_depth, or empty; 0 and NaN are unknown. The refinement weighs by them and has
   /// them in its covariance; where they are unknown it estimates one from its residuals.
   std::vector<double> inverse_depth_sigma;
 
@@ -29,7 +29,8 @@ enum class FeatureCheck : uint8_t {
 };
 const char* name(FeatureCheck check);
 
-/// One verdict a feature. Throws Error(invalid_argument) only if the vectors' lengths differ.
+/// One verdict a feature. Throws Error(invalid_argument) only if the vectors' lengths differ, and for a sigma that is negative or
+/// infinite.
 std::vector<FeatureCheck> check_features(const Features& features, const Camera& camera);
 
 /// How many are ok.

@@ -26,7 +26,9 @@ Lens::Lens(Distortion distortion) : distortion_(std::move(distortion)) {
   switch (distortion_.model) {
     case Distortion::Model::none: return;
     case Distortion::Model::radtan:
-      if (k.size() != 4 && k.size() != 5) fail("radtan takes 4 or 5 coefficients, not " + std::to_string(k.size()));
+      if (k.size() != 4 && k.size() != 5 && k.size() != 8)
+        fail("radtan takes 4, 5 or 8 coefficients, not " + std::to_string(k.size()));
+      if (k.size() == 8) denominator_ << k[5], k[6], k[7];
       radial_ << k[0], k[1], k.size() > 4 ? k[4] : 0, 0;
       tangential_ << k[2], k[3];
       limit_ = kWidestRadius;
@@ -48,12 +50,17 @@ Lens::Lens(Distortion distortion) : distortion_(std::move(distortion)) {
 
 double Lens::f(double r) const {
   const double q = r * r;
-  return r * (1 + q * (radial_[0] + q * (radial_[1] + q * (radial_[2] + q * radial_[3]))));
+  const double below = 1 + q * (denominator_[0] + q * (denominator_[1] + q * denominator_[2]));
+  return r * (1 + q * (radial_[0] + q * (radial_[1] + q * (radial_[2] + q * radial_[3])))) / below;
 }
 
 double Lens::slope(double r) const {
   const double q = r * r;
-  return 1 + q * (3 * radial_[0] + q * (5 * radial_[1] + q * (7 * radial_[2] + q * 9 * radial_[3])));
+  const double rise = 1 + q * (3 * radial_[0] + q * (5 * radial_[1] + q * (7 * radial_[2] + q * 9 * radial_[3])));
+  const double below = 1 + q * (denominator_[0] + q * (denominator_[1] + q * denominator_[2]));
+  if (below <= 0) return -1;  // beyond a pole
+  const double below_rise = q * (2 * denominator_[0] + q * (4 * denominator_[1] + q * 6 * denominator_[2]));
+  return (rise - f(r) / std::max(r, 1e-300) * below_rise) / below;
 }
 
 /// f's inverse in 0 .. limit(), or the nearer end: Newton's steps, halved brackets where they leave it.

@@ -13,7 +13,8 @@ namespace iclk {
 struct Distortion {
   enum class Model { none, radtan, equidistant };
   Model model = Model::none;
-  std::vector<double> k;  ///< radtan: k1, k2, p1, p2[, k3]; equidistant: k1, k2, k3, k4
+  /// radtan: k1, k2, p1, p2[, k3[, k4, k5, k6]], eight of them with OpenCV's denominator; equidistant: k1, k2, k3, k4.
+  std::vector<double> k;
 
   bool empty() const { return model == Model::none; }
   bool operator==(const Distortion&) const = default;
@@ -42,8 +43,10 @@ class Lens {
 
   double radius() const { return radius_; }  ///< |xy| of the domain's edge; infinite for a pinhole
   double limit() const { return limit_; }    ///< the same as the polynomial has it: equidistant, an angle
-  /// f(r) = r (1 + k[0] r^2 + k[1] r^4 + k[2] r^6 + k[3] r^8), of a radius or an angle.
+  /// f(r) = r (1 + k[0] r^2 + k[1] r^4 + k[2] r^6 + k[3] r^8), of a radius or an angle; over denominator(), which is
+  /// 1 + k[0] r^2 + k[1] r^4 + k[2] r^6.
   const Eigen::Vector4d& radial() const { return radial_; }
+  const Eigen::Vector3d& denominator() const { return denominator_; }
   const Eigen::Vector2d& tangential() const { return tangential_; }  ///< p1, p2
 
  private:
@@ -54,6 +57,7 @@ class Lens {
 
   Distortion distortion_;
   Eigen::Vector4d radial_ = Eigen::Vector4d::Zero();
+  Eigen::Vector3d denominator_ = Eigen::Vector3d::Zero();
   Eigen::Vector2d tangential_ = Eigen::Vector2d::Zero();
   double limit_ = INFINITY, radius_ = INFINITY;
 };

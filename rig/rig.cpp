@@ -15,6 +15,9 @@
 namespace iclk {
 namespace {
 
+constexpr double kLeastAgree = 0.25;  // of the pairs
+constexpr double kMostStretch = 2;    // of a baseline, by a shock
+
 Matrix6d diagonal(double translation, double rotation) {
   Matrix6d C = Matrix6d::Zero();
   C.diagonal() << Eigen::Vector3d::Constant(translation * translation), Eigen::Vector3d::Constant(rotation * rotation);
@@ -194,6 +197,12 @@ RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const R
     }
   }
 
+  const auto agree = std::count_if(result.pairs.begin(), result.pairs.end(), [](const auto& p) { return p.used; });
+  if (static_cast<double>(agree) < kLeastAgree * static_cast<double>(pairs.size())) {
+    result.reason = std::to_string(agree) + " of " + std::to_string(pairs.size()) +
+                    " pairs agree on one pose, too few: are left and right images in the same order?";
+    return result;
+  }
   std::vector<std::vector<RigSighting>> by_pair(pairs.size());
   for (size_t i = 0; i < pairs.size(); ++i) {
     by_pair[i] = sightings_of(static_cast<int>(i), pairs[i].features, aligned[i], options);
@@ -216,6 +225,14 @@ RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const R
     std::ostringstream why;
     why << joint.inliers << " of " << joint.used << " features of " << result.pairs_used << " pairs agree on one pose";
     if (2 * joint.inliers >= joint.used) why << ", which they do not determine";
+    result.reason = why.str();
+    return result;
+  }
+  const double found = joint.T_rl.t.norm();
+  if (options.metric && !(found > baseline / kMostStretch && found < kMostStretch * baseline)) {
+    std::ostringstream why;
+    why << "the images say a baseline of " << found << " m, the calibration " << baseline
+        << " m: are left and right of two cameras, and depths and calibration in metres?";
     result.reason = why.str();
     return result;
   }

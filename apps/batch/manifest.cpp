@@ -107,8 +107,7 @@ Manifest read_manifest(const std::string& path) {
   Manifest manifest;
   manifest.path = path;
   manifest.folder = std::filesystem::path(path).parent_path().string();
-  std::string bytes = read_file(path, size_t{4} << 30);
-  if (bytes.starts_with("\xef\xbb\xbf")) bytes.erase(0, 3);  // Windows editors mark UTF-8
+  const std::string bytes = read_file(path, size_t{4} << 30);
   std::unordered_map<std::string, int> first;
   int number = 0;
   for (const std::string_view raw : lines_of(bytes)) {

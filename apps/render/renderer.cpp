@@ -195,6 +195,7 @@ struct TerrainRenderer::Impl {
   }
 
   shaders::RenderPush push(const Camera& camera, const SE3& T_WC, const Lens& lens, const PixelRect& tile, int finest) const {
+    if (!lens.denominator().isZero()) fail("lenses of eight coefficients are not rendered");
     shaders::RenderPush p{};
     Eigen::Matrix3d K_inverse = Eigen::Matrix3d::Identity();
     if (lens.empty()) K_inverse << 1 / camera.fx, 0, -camera.cx / camera.fx, 0, 1 / camera.fy, -camera.cy / camera.fy, 0, 0, 1;

@@ -1,10 +1,11 @@
 #include <iclk/session/io/camera_file.h>
 
+#include <algorithm>
 #include <cmath>
-#include <filesystem>
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/distortion.h>
+#include <iclk/session/io/foreign_camera.h>
 #include <iclk/session/io/yaml.h>
 
 namespace iclk {
@@ -71,29 +72,72 @@ void read_kalibr(const Keys& keys, const std::string& prefix, CameraFile& file) 
   const std::string distortion = keys.text(prefix + "distortion_model");
   if (distortion.empty() && keys.yaml.find(coefficients) == nullptr) return;
   if (distortion.empty()) fail(file.source, "key '" + prefix + "distortion_model' is missing");
-  if (distortion == "none") return;
+  if (distortion == "none" && keys.yaml.find(coefficients) == nullptr) return;
   file.distortion = make_distortion(distortion, keys.numbers(coefficients, 0), file.source);
 }
 
-void read_opencv(const Keys& keys, CameraFile& file) {
-  const std::string matrix = keys.spelling({"camera_matrix", "Camera_Matrix", "K"});
-  const std::vector<double> m = keys.numbers(keys.yaml.has_children(matrix) ? matrix + ".data" : matrix, 9);
-  if (m[1] != 0)
-    fail(file.source, "key '" + matrix + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
-  std::vector<double> k = {m[0], m[4], m[2], m[5]};
-  const std::string width = keys.spelling({"image_width", "image_Width"}),
-                    height = keys.spelling({"image_height", "image_Height"});
-  if (keys.yaml.find(width) != nullptr || keys.yaml.find(height) != nullptr) {
-    k.push_back(keys.numbers(width, 1)[0]);
-    k.push_back(keys.numbers(height, 1)[0]);
-  }
-  set_intrinsics(file, k);
-  const std::string d = keys.spelling({"distortion_coefficients", "Distortion_Coefficients", "D", "dist_coeffs"});
-  if (keys.yaml.find(d) == nullptr) return;
+/// A 3x3 camera matrix, row by row.
+std::vector<double> matrix_intrinsics(const std::vector<double>& m, const std::string& key, const std::string& source) {
+  if (m[1] != 0) fail(source, "key '" + key + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
+  if (m[3] != 0 || m[6] != 0 || m[7] != 0 || m[8] != 1)
+    fail(source, "key '" + key + "' is no camera matrix fx 0 cx 0 fy cy 0 0 1, row by row");
+  return {m[0], m[4], m[2], m[5]};
+}
+
+/// A lens that OpenCV or ROS wrote. Without a name, five coefficients and more are cv::calibrateCamera()'s; four may be
+/// cv::fisheye's as well.
+Distortion opencv_lens(const Keys& keys, const std::vector<double>& k) {
+  const bool none = std::all_of(k.begin(), k.end(), [](double x) { return x == 0; });
   std::string model = keys.text("distortion_model");
-  if (model == "rational_polynomial") model = "radtan";  // refused below by its count unless the extra terms are zero
-  if (model.empty()) model = keys.text("fisheye_model") == "1" ? "fisheye" : "radtan";
-  file.distortion = make_distortion(model, keys.numbers(keys.yaml.has_children(d) ? d + ".data" : d, 0), file.source);
+  const std::string fisheye = keys.text("fisheye_model");
+  if (model.empty() && !fisheye.empty()) model = fisheye == "1" ? "fisheye" : "radtan";
+  if (keys.yaml.find("xi") != nullptr) fail(keys.source, "key 'xi' is of an omnidirectional camera, which is not known");
+  if (model.empty() && k.size() == 4 && !none)
+    fail(keys.source,
+         "four distortion coefficients without a model are those of a plain lens or of cv::fisheye; add a line "
+         "'distortion_model: plumb_bob' or 'distortion_model: equidistant' to the file");
+  if (none && model != "equidistant" && model != "fisheye") return {};
+  return make_distortion(model.empty() ? "radtan" : model, k, keys.source);
+}
+
+/// Whole sensor, region of interest and binning, as a ROS camera_info states them; other files have the size alone.
+void read_extent(const Keys& keys, CameraFile& file) {
+  const std::string width = keys.spelling({"image_width", "image_Width", "width"}),
+                    height = keys.spelling({"image_height", "image_Height", "height"}),
+                    size = keys.spelling({"image_size", "imageSize", "ImageSize", "size"});
+  const auto whole = [&](const std::string& key, double missing) {
+    const double value = keys.yaml.find(key) != nullptr ? keys.numbers(key, 1)[0] : missing;
+    if (!(value >= 0 && value <= 65536) || value != std::floor(value))
+      fail(file.source, "key '" + key + "' is " + std::to_string(value) + ", not a whole number from 0 to 65536");
+    return static_cast<int>(value);
+  };
+  Camera& c = file.camera;
+  if (keys.yaml.find(width) != nullptr || keys.yaml.find(height) != nullptr) {
+    c.width = side(keys.numbers(width, 1)[0], file.source), c.height = side(keys.numbers(height, 1)[0], file.source);
+  } else if (keys.yaml.find(size) != nullptr) {
+    const std::vector<double> sides = keys.numbers(size, 2);
+    c.width = side(sides[0], file.source), c.height = side(sides[1], file.source);
+  }
+  const int x = whole("roi.x_offset", 0), y = whole("roi.y_offset", 0), w = whole("roi.width", 0), h = whole("roi.height", 0);
+  const int bin_x = std::max(whole("binning_x", 1), 1), bin_y = std::max(whole("binning_y", 1), 1);
+  const bool region = x > 0 || y > 0 || w > 0 || h > 0;
+  if (c.width == 0 && (region || bin_x > 1 || bin_y > 1))
+    fail(file.source, "a region of interest or binning, but no width and height of the whole image");
+  if (region && (w == 0 || h == 0 || x + w > c.width || y + h > c.height))
+    fail(file.source, "the region of interest (roi) is empty or reaches beyond the image");
+  file.region = region && (w != c.width || h != c.height);
+  if (region) c = {c.fx, c.fy, c.cx - x, c.cy - y, w, h};
+  if (bin_x > 1 || bin_y > 1) c = c.resized(std::max(c.width / bin_x, 1), std::max(c.height / bin_y, 1));
+}
+
+void read_opencv(const Keys& keys, CameraFile& file) {
+  const std::string matrix = keys.spelling({"camera_matrix", "Camera_Matrix", "K", "k"});
+  const std::vector<double> m = keys.numbers(keys.yaml.has_children(matrix) ? matrix + ".data" : matrix, 9);
+  set_intrinsics(file, matrix_intrinsics(m, matrix, file.source));
+  read_extent(keys, file);
+  const std::string d = keys.spelling({"distortion_coefficients", "Distortion_Coefficients", "D", "d", "dist_coeffs"});
+  if (keys.yaml.find(d) == nullptr) return;
+  file.distortion = opencv_lens(keys, keys.numbers(keys.yaml.has_children(d) ? d + ".data" : d, 0));
 }
 
 void read_line(std::string_view text, CameraFile& file) {
@@ -135,6 +179,10 @@ CameraFile load_file(const std::string& path, const FileReader& read) {
   std::string_view first;
   for (const std::string_view line : lines_of(text))
     if (first = without_comment(line); !first.empty()) break;
+  if (read_colmap(text, file)) return file;
+  if (const std::string foreign = foreign_format(text); !foreign.empty())
+    fail(file.source, "this is " + foreign + ", which iclk does not read; give fx,fy,cx,cy[,width,height], or a file of Kalibr, "
+                          "EuRoC, OpenCV (YAML), ROS or COLMAP");
   if (first.find(':') == std::string_view::npos && !first.starts_with("---")) {
     read_line(text, file);
     return file;
@@ -145,7 +193,8 @@ CameraFile load_file(const std::string& path, const FileReader& read) {
     read_kalibr(keys, "cam0.", file);
   else if (yaml.find("intrinsics") != nullptr)
     read_kalibr(keys, "", file);
-  else if (yaml.find("camera_matrix") != nullptr || yaml.find("Camera_Matrix") != nullptr || yaml.find("K") != nullptr)
+  else if (yaml.find("camera_matrix") != nullptr || yaml.find("Camera_Matrix") != nullptr || yaml.find("K") != nullptr ||
+           yaml.find("k") != nullptr)
     read_opencv(keys, file);
   else
     fail(file.source, "key 'intrinsics' (EuRoC), 'cam0' (Kalibr) or 'camera_matrix' (OpenCV) is missing");
@@ -184,12 +233,11 @@ CameraFile opencv_camera(const Yaml& yaml, const std::string& matrix, const std:
                          const std::string& source) {
   CameraFile file;
   file.source = source;
-  const std::vector<double> m = yaml_numbers(yaml, matrix, 9, source);
-  if (m[1] != 0)
-    fail(source, "key '" + matrix + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
-  set_intrinsics(file, {m[0], m[4], m[2], m[5]});
+  const Keys keys{yaml, file.source};
+  set_intrinsics(file, matrix_intrinsics(yaml_numbers(yaml, matrix, 9, source), matrix, source));
+  read_extent(keys, file);
   if (yaml.find(coefficients) != nullptr)
-    file.distortion = make_distortion("radtan", yaml_numbers(yaml, coefficients, 0, source), source);
+    file.distortion = opencv_lens(keys, yaml_numbers(yaml, coefficients, 0, source));
   check_intrinsics(file);
   return file;
 }
@@ -207,6 +255,10 @@ Camera fit_camera(const CameraFile& file, int width, int height) {
   if (camera.width == 0) {
     camera.width = width, camera.height = height;
   } else if (camera.width != width || camera.height != height) {
+    if (file.region)
+      fail(file.source, "the region of interest has " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +
+                            " pixels, the image " + std::to_string(width) + "x" + std::to_string(height) +
+                            "; give the camera_info of this image, or fx,fy,cx,cy");
     // A resized image's sides are rounded, each by up to a pixel.
     const double scale = static_cast<double>(width) / camera.width;
     if (std::abs(camera.height * scale - height) > 1 + scale)
@@ -214,6 +266,11 @@ Camera fit_camera(const CameraFile& file, int width, int height) {
                             ", the image is " + std::to_string(width) + "x" + std::to_string(height) +
                             ": another aspect, so it was cropped; give the intrinsics of the cropped image");
     camera = camera.resized(width, height);
+  }
+  try {
+    camera.check();
+  } catch (const Error& e) {
+    fail(file.source, e.what());
   }
   return camera;
 }

@@ -39,7 +39,6 @@ Features parse_features(std::string_view text, const std::string& name) {
   };
   for (std::string_view line : lines_of(text)) {
     ++number;
-    if (number == 1 && line.starts_with("\xef\xbb\xbf")) line.remove_prefix(3);  // a byte order mark, as spreadsheets write it
     line = trim(line);
     if (line.empty() || line.front() == '#') continue;
     const std::vector<std::string> cells = split_cells(line);
@@ -62,7 +61,8 @@ Features parse_features(std::string_view text, const std::string& name) {
     features.inverse_depth.push_back(q);
     if (columns.sigma >= 0) {
       const double sigma = number_at(columns.sigma);
-      if (!(sigma > 0)) fail("sigma " + cells[static_cast<size_t>(columns.sigma)] + " must be positive");
+      if (!(sigma > 0 && std::isfinite(sigma)))
+        fail("sigma " + cells[static_cast<size_t>(columns.sigma)] + " must be positive and finite");
       features.inverse_depth_sigma.push_back(columns.depth >= 0 ? sigma * q * q : sigma);  // dq = dz / z^2
     }
   }

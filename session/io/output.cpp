@@ -6,6 +6,7 @@
 #include <cerrno>
 #include <cstring>
 #include <filesystem>
+#include <random>
 
 #include <iclk/engine/error.h>
 
@@ -22,8 +23,12 @@ void make_output_folder(const std::string& folder) {
 }
 
 void write_file(const std::string& path, std::string_view bytes) {
-  const std::string temporary = path + ".part" + std::to_string(::getpid());
-  const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+  // Without a name until it is whole, where the file system can: one that is killed leaves nothing behind.
+  const std::string folder = std::filesystem::path(path).parent_path().string(),
+                    temporary = path + ".part" + std::to_string(std::random_device()());
+  int file = ::open(folder.empty() ? "." : folder.c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0644);
+  bool named = file < 0;
+  if (named) file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0644);
   if (file < 0) throw Error(ErrorCode::io, "cannot write " + path + ": " + std::strerror(errno));
   int error = 0;
   for (size_t done = 0; done < bytes.size() && error == 0;) {
@@ -35,10 +40,15 @@ void write_file(const std::string& path, std::string_view bytes) {
   }
   // A disk may report that it is full only here.
   if (error == 0 && ::fsync(file) != 0) error = errno;
+  if (error == 0 && !named) {
+    const std::string unnamed = "/proc/self/fd/" + std::to_string(file);
+    named = ::linkat(AT_FDCWD, unnamed.c_str(), AT_FDCWD, temporary.c_str(), AT_SYMLINK_FOLLOW) == 0;
+    if (!named) error = errno;
+  }
   if (::close(file) != 0 && error == 0) error = errno;
   if (error == 0 && std::rename(temporary.c_str(), path.c_str()) != 0) error = errno;
   if (error != 0) {
-    ::unlink(temporary.c_str());
+    if (named) ::unlink(temporary.c_str());
     throw Error(ErrorCode::io, "cannot write " + path + ": " + std::strerror(error));
   }
 }

@@ -133,6 +133,7 @@ std::vector<double> parse_numbers(std::string_view text, const std::string& what
 
 std::vector<std::string_view> lines_of(std::string_view text) {
   std::vector<std::string_view> lines;
+  if (text.starts_with("\xef\xbb\xbf")) text.remove_prefix(3);
   for (size_t begin = 0; begin < text.size();) {
     size_t end = text.find('\n', begin);
     if (end == std::string_view::npos) end = text.size();

@@ -41,7 +41,7 @@ std::pair<int, int> parse_size(const std::string& text, const std::string& what)
 /// FNV-1a, 64 bit, of the bytes. Not against malice.
 uint64_t fnv1a(std::string_view text);
 
-/// Lines of a text, without their line ends.
+/// Lines of a text, without their line ends and without the byte order mark that Windows editors write first.
 std::vector<std::string_view> lines_of(std::string_view text);
 
 }  // namespace iclk

@@ -1,5 +1,7 @@
 #include <iclk/session/io/yaml.h>
 
+#include <algorithm>
+
 #include <iclk/engine/error.h>
 #include <iclk/session/io/text.h>
 
@@ -43,7 +45,9 @@ Yaml::Yaml(std::string_view text, const std::string& path) {
   const auto take_flow = [&](std::string_view line) {
     for (const char c : line) depth += (c == '[') - (c == ']');
     if (depth < 0) fail("']' without '['");
-    append_flow(line, values_[current]);
+    Value& value = values_[current];
+    append_flow(line, value.words);
+    value.last = number - 1;
     values += line.size() / 2;
     if (values > kMaxValues) fail("too many values for a camera file");
   };
@@ -68,7 +72,7 @@ Yaml::Yaml(std::string_view text, const std::string& path) {
     while (!open.empty() && open.back().indent >= indent) open.pop_back();
     if (open.size() > 20) fail("nested too deeply for a camera file");
     current = (open.empty() ? "" : open.back().prefix) + unquoted(trim(content.substr(0, colon)));
-    values_[current].clear();
+    values_[current] = {{}, number - 1, number - 1};
     std::string_view value = trim(content.substr(colon + 1));
     if (value.starts_with("!")) value = trim(value.substr(std::min(value.find(' '), value.size())));  // a tag: !!opencv-matrix
     if (value.empty()) {
@@ -76,7 +80,7 @@ Yaml::Yaml(std::string_view text, const std::string& path) {
     } else if (value.front() == '[') {
       take_flow(value);
     } else {
-      values_[current].push_back(unquoted(value));
+      values_[current].words.push_back(unquoted(value));
       if (++values > kMaxValues) fail("too many values for a camera file");
     }
   }
@@ -85,7 +89,31 @@ Yaml::Yaml(std::string_view text, const std::string& path) {
 
 const std::vector<std::string>* Yaml::find(const std::string& key) const {
   const auto it = values_.find(key);
-  return it == values_.end() ? nullptr : &it->second;
+  return it == values_.end() ? nullptr : &it->second.words;
+}
+
+std::string with_value(const std::string& text, const Yaml& yaml, const std::string& key, const std::string& value) {
+  const auto found = yaml.values_.find(key);
+  if (found == yaml.values_.end()) return text;
+  const int first = found->second.first;
+  int last = found->second.last;
+  for (const auto& [name, child] : yaml.values_)
+    if (name.starts_with(key + ".")) last = std::max(last, child.last);
+  const std::vector<std::string_view> lines = lines_of(text);
+  std::string out, comments;
+  for (int i = 0; i < static_cast<int>(lines.size()); ++i) {
+    const std::string_view line = lines[static_cast<size_t>(i)];
+    if (i < first || i > last) {
+      out += std::string(line) + "\n";
+      continue;
+    }
+    const size_t end = without_yaml_comment(line).size();
+    const size_t indent = std::min(line.find_first_not_of(" \t"), line.size());
+    if (end < line.size()) comments += std::string(line.substr(0, indent)) + std::string(line.substr(end)) + "\n";
+    if (i == first && !value.empty()) out += std::string(line.substr(0, line.find(':'))) + ": " + value + "\n";
+    if (i == last) out += comments;
+  }
+  return out;
 }
 
 bool Yaml::has_children(const std::string& key) const {

@@ -18,7 +18,16 @@ class Yaml {
   bool has_children(const std::string& key) const;
 
  private:
-  std::map<std::string, std::vector<std::string>> values_;
+  friend std::string with_value(const std::string&, const Yaml&, const std::string&, const std::string&);
+  struct Value {
+    std::vector<std::string> words;
+    int first = 0, last = 0;  ///< lines of the text, from 0
+  };
+  std::map<std::string, Value> values_;
 };
+
+/// The text that `yaml` was read from with another value of that dotted key, or, where `value` is empty, without key and value.
+/// All else stays, comments among the value's lines too. A key that is not there changes nothing.
+std::string with_value(const std::string& text, const Yaml& yaml, const std::string& key, const std::string& value);
 
 }  // namespace iclk
