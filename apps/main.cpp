@@ -33,7 +33,7 @@ int run(int argc, char** argv) {
   iclk::add_render(app, exit);
   iclk::add_depth(app, exit);
   iclk::add_stereo(app, exit);
-  iclk::add_track(app);
+  iclk::add_track(app, exit);
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {

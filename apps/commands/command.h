@@ -55,6 +55,6 @@ void add_model(CLI::App& app, int& exit);
 void add_render(CLI::App& app, int& exit);
 void add_stereo(CLI::App& app, int& exit);
 void add_depth(CLI::App& app, int& exit);
-void add_track(CLI::App& app);
+void add_track(CLI::App& app, int& exit);
 
 }  // namespace iclk

@@ -173,7 +173,9 @@ void add_depth(CLI::App& app, int& exit) {
                    "A depth image of REF: the map is compared with it, and it tells the range where nothing else does")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_option("--depth-scale", files.depth_scale, "Raw units a metre of its 16 bits");
+  command->add_option("--depth-scale", files.depth_scale, "Raw units a metre of its 16 bits; float depth is in metres");
+  command->add_flag("--depth-along-ray", files.depth_along_ray,
+                    "Depths, those of features too, are distances from the camera's centre, not depths along its axis");
   command->add_option("--depth-range", files.range, "Where to look, metres; default: as the sparse depths, with a margin")
       ->check(not_empty)
       ->type_name("NEAR,FAR");

@@ -120,7 +120,11 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
       "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's. Images, depth and features are "
       "undistorted when read; every pixel in the output is of the undistorted images");
   command.add_option("--depth-scale", depth_scale,
-                     "Raw units a metre of 16-bit depth (TUM RGB-D 5000, millimetres 1000); default: camera.txt's");
+                     "Raw units a metre of 16-bit depth (TUM RGB-D 5000, millimetres 1000); default: camera.txt's. Float depth "
+                     "is in metres");
+  command.add_flag("--depth-along-ray", depth_along_ray,
+                   "Depths, those of features too, are distances from the camera's centre (laser scanners, some simulators), not "
+                   "depths along its axis");
   command
       .add_option("--depth-sigma", depth_sigma,
                   "How wrong depths are, where features bring no sigma: auto (estimated from the pair), 1.5% (of the depth), "
@@ -153,6 +157,7 @@ InputOptions LoadOptions::input() const {
   if (depth_scale != 0 && !(std::isfinite(depth_scale) && depth_scale > 0))
     throw Error(ErrorCode::invalid_argument, "--depth-scale " + std::to_string(depth_scale) + " must be positive");
   options.depth_scale = depth_scale;
+  options.depth_along_ray = depth_along_ray;
   options.depth_sigma = parse_depth_sigma(depth_sigma);
   options.mask = mask;
   options.max_pixels = max_pixels;

@@ -27,6 +27,7 @@ struct LoadOptions {
   std::string camera, distortion, detector = "shi-tomasi", depth_sigma = "auto";
   std::string mask;
   double depth_scale = 0;
+  bool depth_along_ray = false;
   uint64_t max_pixels = kMaxPixels;
   DetectorOptions features;
 

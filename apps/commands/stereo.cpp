@@ -83,10 +83,12 @@ void add_stereo(CLI::App& app, int& exit) {
       ->type_name("DIR");
   command
       ->add_option("--calibration", options->calibration,
-                   "Kalibr camchain, OpenCV stereo YAML, or a folder with EuRoC's cam0/sensor.yaml and cam1/sensor.yaml")
+                   "Kalibr camchain, OpenCV stereo YAML (with the other of intrinsics.yml and extrinsics.yml beside it), or a folder with EuRoC's cam0/sensor.yaml and cam1/sensor.yaml")
       ->required()
       ->check(not_empty);
-  command->add_option("--depth-scale", run_options.depth_scale, "Raw units a metre of 16-bit depth");
+  command->add_option("--depth-scale", run_options.depth_scale, "Raw units a metre of 16-bit depth; float depth is in metres");
+  command->add_flag("--depth-along-ray", run_options.depth_along_ray,
+                    "Depths are distances from the left camera's centre, not depths along its axis");
   command
       ->add_option("--depth-sigma", options->depth_sigma,
                    "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered, or a percentage like 1.5%")

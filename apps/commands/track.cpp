@@ -51,7 +51,7 @@ const char* const kTrackFooter =
     "moves: of one that only turns, no depth can be found, and the frames are said to be lost.\n"
     "\n";
 
-void run_track(const TrackCommand& command) {
+void run_track(const TrackCommand& command, int& exit) {
   TrackRunOptions options = command.run;
   if (!command.camera.empty()) options.frames.camera = load_camera(command.camera);
   if (!command.distortion.empty()) options.frames.distortion = parse_distortion(command.distortion);
@@ -90,6 +90,10 @@ void run_track(const TrackCommand& command) {
   bar.clear();
   if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan here: running on {}", report.device);
   print(to_text(report));
+  if (!report.found()) {
+    spdlog::warn("nothing was tracked: do images and depth belong together, and are their times in one unit?");
+    exit = kDiverged;
+  }
   if (!options.out.empty())
     print("written    trajectory.txt, trajectory_kitti.txt, live.txt, keyframes.txt, frames.jsonl, map.ply, path.png in " +
           options.out + "\n");
@@ -103,7 +107,7 @@ void run_track(const TrackCommand& command) {
 
 }  // namespace
 
-void add_track(CLI::App& app) {
+void add_track(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand("track", "Follow a camera with depth through a recording: trajectory and sparse map");
   auto options = std::make_shared<TrackCommand>();
   TrackRunOptions& run = options->run;
@@ -124,6 +128,8 @@ void add_track(CLI::App& app) {
           "go; or the first frame's depth image")
       ->check(CLI::ExistingPath);
   command->add_option("--depth-scale", frames.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
+  command->add_flag("--depth-along-ray", frames.depth_along_ray,
+                    "Depths are distances from the camera's centre, not depths along its axis");
   command->add_option("--depth-sigma", options->depth_sigma,
                       "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered (exact), or a percentage like 1.5%; "
                       "default, and auto: structured-light; of a "
@@ -177,7 +183,7 @@ void add_track(CLI::App& app) {
   command->add_flag("--fresh", run.fresh, "Begin anew where a run was stopped, instead of going on");
   command->add_flag("--peers", options->peers, "Other methods from frame to frame, beside the truth");
   command->footer(std::string(kTrackFooter) + kExitCodesHelp);
-  command->callback([options] { run_track(*options); });
+  command->callback([options, &exit] { run_track(*options, exit); });
 }
 
 }  // namespace iclk

@@ -13,6 +13,7 @@
 #include "apps/common/refuse.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
+#include "apps/io/levels.h"
 #include "apps/io/undistorter.h"
 
 namespace iclk {
@@ -95,9 +96,15 @@ DepthInput load_depth_input(const DepthFiles& files) {
     return file.distortion.empty() ? nullptr : std::make_unique<Undistorter>(c, file.distortion);
   };
   const auto undistort = pinhole(camera, input.camera);
+  std::vector<cv::Mat> images = {input.reference};
+  for (const std::string& path : files.targets) images.push_back(load_image(path));
+  const Levels levels(images);
+  levels.apply(input.reference);
   if (undistort) input.reference = undistort->image(input.reference);
-  for (const std::string& path : files.targets) {
-    cv::Mat image = load_image(path);
+  for (size_t i = 0; i < files.targets.size(); ++i) {
+    const std::string& path = files.targets[i];
+    cv::Mat image = images[i + 1];
+    levels.apply(image);
     if (image.size() != input.reference.size())
       refuse(path + ": " + std::to_string(image.cols) + "x" + std::to_string(image.rows) + " pixels, but " + files.reference +
              " has " + std::to_string(input.reference.cols) + "x" + std::to_string(input.reference.rows));
@@ -107,13 +114,19 @@ DepthInput load_depth_input(const DepthFiles& files) {
   }
   if (!files.features.empty()) {
     Features given = load_features(files.features);
+    if (undistort)
+      for (Eigen::Vector2d& uv : given.uv) uv = undistort->point(uv);
+    if (files.depth_along_ray) along_axis(input.camera, given);
     for (size_t i = 0; i < given.uv.size(); ++i) {
-      input.priors.uv.push_back(undistort ? undistort->point(given.uv[i]) : given.uv[i]);
+      input.priors.uv.push_back(given.uv[i]);
       input.priors.inverse_depth.push_back(given.inverse_depth[i]);
     }
   }
-  if (!files.depth.empty())
-    input.measured = measured(load_depth(files.depth, files.depth_scale > 0 ? files.depth_scale : camera.depth_scale));
+  if (!files.depth.empty()) {
+    cv::Mat depth = load_depth(files.depth, files.depth_scale > 0 ? files.depth_scale : camera.depth_scale);
+    if (files.depth_along_ray) along_axis(fit_camera(camera, depth.cols, depth.rows), depth);
+    input.measured = measured(depth);
+  }
   if (!files.range.empty()) return input;
   std::vector<double> known = input.priors.inverse_depth;
   known.insert(known.end(), input.measured.inverse_depth.begin(), input.measured.inverse_depth.end());

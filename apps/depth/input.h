@@ -22,6 +22,7 @@ struct DepthFiles {
   std::string camera, target_camera, distortion;
   std::string features, depth;  ///< sparse depths, or a depth image
   double depth_scale = 0;
+  bool depth_along_ray = false;  ///< of features and depth: distances from the camera's centre
   std::string range;  ///< NEAR,FAR in metres
 };
 

@@ -1,8 +1,11 @@
 #include "apps/io/euroc.h"
 
 #include <algorithm>
+#include <charconv>
 #include <cmath>
+#include <cstdint>
 #include <filesystem>
+#include <iterator>
 #include <map>
 
 #include <iclk/engine/error.h>
@@ -14,25 +17,37 @@ namespace {
 
 namespace fs = std::filesystem;
 
-/// Nanoseconds as they stand there, and the path of the image.
-std::map<std::string, std::string> load_images(const fs::path& camera) {
+constexpr uint64_t kSameMoment = 1'000'000;  // ns: cameras that one signal triggers, stamped by two clocks or roundings
+
+/// Nanoseconds, and the path of the image.
+std::map<uint64_t, std::string> load_images(const fs::path& camera) {
   const std::string path = (camera / "data.csv").string(), text = read_file(path);
-  std::map<std::string, std::string> images;
+  std::map<uint64_t, std::string> images;
   int number = 0;
   for (const std::string_view raw : lines_of(text)) {
     ++number;
     const std::string_view line = without_comment(raw);
     if (line.empty()) continue;
     const size_t comma = line.find(',');
-    const std::string stamp(trim(line.substr(0, comma)));
+    const std::string_view word = trim(line.substr(0, comma));
     const std::string_view name = comma == std::string_view::npos ? "" : trim(line.substr(comma + 1));
-    if (stamp.empty() || stamp.find_first_not_of("0123456789") != std::string::npos || name.empty())
+    uint64_t stamp = 0;
+    const auto [end, error] = std::from_chars(word.data(), word.data() + word.size(), stamp);
+    if (word.empty() || error != std::errc() || end != word.data() + word.size() || name.empty())
       throw Error(ErrorCode::invalid_argument,
                   path + ":" + std::to_string(number) + ": 'nanoseconds,filename' expected, not '" + printable(line) + "'");
     images[stamp] = (camera / "data" / std::string(name)).string();
   }
   if (images.empty()) throw Error(ErrorCode::invalid_argument, path + ": no line 'nanoseconds,filename'");
   return images;
+}
+
+/// The image whose time is nearest; nullptr where none is of the same moment.
+const std::string* at_moment(const std::map<uint64_t, std::string>& images, uint64_t stamp) {
+  const auto away = [&](const auto& it) { return it->first > stamp ? it->first - stamp : stamp - it->first; };
+  auto nearest = images.lower_bound(stamp);
+  if (nearest == images.end() || (nearest != images.begin() && away(std::prev(nearest)) < away(nearest))) --nearest;
+  return away(nearest) <= kSameMoment ? &nearest->second : nullptr;
 }
 
 /// T_WB: "timestamp [ns], p x y z, q w x y z, ...".
@@ -72,15 +87,15 @@ Sequence load_euroc_sequence(const std::string& root) {
   std::vector<StampedPose> truth;
   if (fs::exists(truth_path)) truth = load_truth(truth_path.string());
   for (const auto& [stamp, image] : left) {
-    const auto other = right.find(stamp);
-    if (other == right.end()) continue;
-    SequenceFrame frame{1e-9 * to_number(stamp).value(), image, {}, {}, other->second};
+    const std::string* const other = at_moment(right, stamp);
+    if (other == nullptr) continue;
+    SequenceFrame frame{1e-9 * static_cast<double>(stamp), image, {}, {}, *other};
     SE3 T_WB;
     if (interpolate(truth, frame.stamp, kMaxTruthGap, T_WB)) frame.T_wc = T_WB * sequence.rig->T_bl;
     sequence.frames.push_back(std::move(frame));
   }
   if (sequence.frames.empty())
-    throw Error(ErrorCode::invalid_argument, root + ": cam0 and cam1 have no image of the same nanosecond");
+    throw Error(ErrorCode::invalid_argument, root + ": cam0 and cam1 have no image of the same moment, within 1 ms");
   std::stable_sort(sequence.frames.begin(), sequence.frames.end(),
                    [](const auto& a, const auto& b) { return a.stamp < b.stamp; });
   return sequence;

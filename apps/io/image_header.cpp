@@ -1,6 +1,7 @@
 #include "apps/io/image_header.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 
 #include <iclk/session/io/text.h>
@@ -57,24 +58,31 @@ Header png_header(std::string_view bytes) {
   return ImageHeader{number_at(bytes, 16, 4, true), number_at(bytes, 20, 4, true), (grey ? 1u : colour ? 3u : 4u) << deep};
 }
 
-/// Attributes "name\0type\0" length value, an empty name behind the last; of two data windows the reader takes the later.
-Header exr_header(std::string_view bytes) {
-  Header header;
+/// Attributes "name\0type\0" length value, an empty name behind the last.
+template <class Take>
+void each_exr_attribute(std::string_view bytes, const Take& take) {
   for (size_t at = 8; at < bytes.size() && bytes[at] != '\0';) {
     const size_t name = bytes.find('\0', at), type = name == bytes.npos ? name : bytes.find('\0', name + 1);
     if (type == bytes.npos || type + 5 > bytes.size()) break;
     const uint64_t length = number_at(bytes, type + 1, 4, false);
     const size_t value = type + 5;
     if (length > bytes.size() - value) break;
-    if (bytes.substr(at, name - at) == "dataWindow" && length == 16) {
-      const auto side = [&](size_t low) {
-        const auto corner = [&](size_t i) { return int64_t{static_cast<int32_t>(number_at(bytes, value + i, 4, false))}; };
-        return static_cast<uint64_t>(std::max<int64_t>(corner(low + 8) - corner(low) + 1, 0));
-      };
-      header = ImageHeader{side(0), side(4), 12};
-    }
+    take(bytes.substr(at, name - at), bytes.substr(value, length));
     at = value + length;
   }
+}
+
+/// Of two data windows the reader takes the later.
+Header exr_header(std::string_view bytes) {
+  Header header;
+  each_exr_attribute(bytes, [&](std::string_view name, std::string_view value) {
+    if (name != "dataWindow" || value.size() != 16) return;
+    const auto side = [&](size_t low) {
+      const auto corner = [&](size_t i) { return int64_t{static_cast<int32_t>(number_at(value, i, 4, false))}; };
+      return static_cast<uint64_t>(std::max<int64_t>(corner(low + 8) - corner(low) + 1, 0));
+    };
+    header = ImageHeader{side(0), side(4), 12};
+  });
   return header;
 }
 
@@ -123,6 +131,28 @@ Header image_header(std::string_view bytes) {
     return ImageHeader{number_at(bytes, 4, 4, true), number_at(bytes, 8, 4, true), 3};
   if (bytes.size() >= 2 && bytes[0] == 'P' && "1234567Ff"sv.find(bytes[1]) != bytes.npos) return pnm_header(bytes);
   return {};
+}
+
+std::string exr_channels(std::string_view bytes) {
+  std::string names;
+  if (!bytes.starts_with(kExr)) return names;
+  each_exr_attribute(bytes, [&](std::string_view name, std::string_view value) {
+    constexpr size_t kBehindName = 17;  // type, linearity, sampling
+    if (name != "channels") return;
+    for (size_t at = 0; at < value.size() && value[at] != '\0';) {
+      const size_t end = value.find('\0', at);
+      if (end == value.npos) break;
+      names += (names.empty() ? "" : ",") + std::string(value.substr(at, end - at));
+      at = end + kBehindName;
+    }
+  });
+  return names;
+}
+
+double pfm_scale(std::string_view bytes) {
+  if (bytes.size() < 2 || bytes[0] != 'P' || (bytes[1] != 'f' && bytes[1] != 'F')) return 1;
+  const std::vector<std::string> word = split_words(bytes.substr(0, 200));
+  return word.size() > 3 ? std::abs(to_number(word[3]).value_or(1)) : 1;
 }
 
 bool is_truncated_jpeg(std::string_view bytes) { return bytes.starts_with(kJpeg.substr(0, 2)) && !read_jpeg(bytes).whole; }

@@ -1,6 +1,7 @@
 #pragma once
 #include <cstdint>
 #include <optional>
+#include <string>
 #include <string_view>
 
 namespace iclk {
@@ -25,5 +26,11 @@ bool is_truncated_jpeg(std::string_view bytes);
 
 /// The same of a PNG cut after its last whole row: the end chunk is what says that it is complete.
 bool is_truncated_png(std::string_view bytes);
+
+/// "A,B,G,R": the channels of an OpenEXR file. Empty: another format, or the file does not say.
+std::string exr_channels(std::string_view bytes);
+
+/// The size of the scale in a PFM's header; 1 for other formats.
+double pfm_scale(std::string_view bytes);
 
 }  // namespace iclk

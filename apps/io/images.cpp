@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 
 #include <cpl_error.h>
 #include <cpl_vsi.h>
@@ -15,6 +16,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/depth_values.h>
 #include <iclk/session/internal/grey.h>
 #include <iclk/session/io/text.h>
 
@@ -72,8 +74,7 @@ void check_size(const std::string& path, const ImageHeader& header, uint64_t max
                                                " pixels that --max-pixels allows: give a larger number if it is meant to be");
 }
 
-cv::Mat decode(const std::string& path, uint64_t max_pixels) {
-  const std::string bytes = read_file(path);
+cv::Mat decode(const std::string& path, const std::string& bytes, uint64_t max_pixels) {
   if (bytes.empty()) throw Error(ErrorCode::io, "cannot read " + path + ": the file is empty");
   cv::Mat image;
   std::string why = "not an image that OpenCV can read, or damaged";
@@ -93,6 +94,12 @@ cv::Mat decode(const std::string& path, uint64_t max_pixels) {
   }
   if (image.empty()) throw Error(ErrorCode::io, "cannot read " + path + ": " + why);
   return image;
+}
+
+std::string units_text(double x) {
+  char text[40];
+  std::snprintf(text, sizeof text, "%g", x);
+  return text;
 }
 
 std::string type_name(const cv::Mat& image) {
@@ -125,7 +132,7 @@ std::optional<ImageHeader> peek_image(const std::string& path, uint64_t max_pixe
 }
 
 cv::Mat load_image(const std::string& path, uint64_t max_pixels) {
-  cv::Mat image = decode(path, max_pixels);
+  cv::Mat image = decode(path, read_file(path), max_pixels);
   if (image.depth() == CV_64F) image.convertTo(image, CV_32F);
   if (image.depth() != CV_8U && image.depth() != CV_16U && image.depth() != CV_32F)
     throw Error(ErrorCode::unsupported, path + " is " + type_name(image) + "; 8-bit, 16-bit or 32-bit float is needed");
@@ -151,7 +158,11 @@ cv::Mat load_mask(const std::string& path, uint64_t max_pixels) {
 }
 
 cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
-  cv::Mat raw = decode(path, max_pixels), depth;
+  const std::string bytes = read_file(path);
+  if (const std::string names = exr_channels(bytes); !names.empty() && names != "Y" && names != "B,G,R" && names != "A,B,G,R")
+    throw Error(ErrorCode::invalid_argument, path + " has the EXR channels " + printable(names) +
+                                                 "; write the depth alone into a file, as channel Y");
+  cv::Mat raw = decode(path, bytes, max_pixels), depth;
   const std::string remedy = "; a depth image is 16-bit with --depth-scale, or 32-bit float in metres, with 1 channel";
   if (raw.channels() > 1 && raw.depth() >= CV_32F) {
     // EXR writers repeat a single channel as grey colour.
@@ -161,6 +172,10 @@ cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
         cv::norm(planes[0], planes[2], cv::NORM_INF) == 0)
       raw = planes[0];
   }
+  if (const double factor = pfm_scale(bytes); factor != 1)
+    throw Error(ErrorCode::invalid_argument,
+                path + " is a PFM with the scale " + std::to_string(factor) +
+                    ", by which some writers want the values multiplied and others do not; write it with the scale 1 or -1");
   if (raw.channels() != 1) throw Error(ErrorCode::invalid_argument, path + " is " + type_name(raw) + remedy);
   if (raw.depth() == CV_16U) {
     if (!(std::isfinite(scale) && scale > 0))
@@ -169,19 +184,16 @@ cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
           path + " is 16-bit: say with --depth-scale how many raw units a metre has (TUM RGB-D 5000, millimetres 1000)");
     raw.convertTo(depth, CV_32F, 1 / scale);
   } else if (raw.depth() == CV_32F || raw.depth() == CV_64F) {
+    if (scale != 0 && scale != 1)
+      throw Error(ErrorCode::invalid_argument,
+                  path + " is float, which is read as metres, but a depth scale of " + units_text(scale) +
+                      " units a metre is given; leave it out, or give --depth-scale 1, if these are metres");
     raw.convertTo(depth, CV_32F);
   } else {
     throw Error(ErrorCode::invalid_argument, path + " is " + type_name(raw) + remedy);
   }
-  size_t valid = 0;
-  for (int v = 0; v < depth.rows; ++v) {
-    float* row = depth.ptr<float>(v);
-    for (int u = 0; u < depth.cols; ++u) {
-      if (!(std::isfinite(row[u]) && row[u] > 0)) row[u] = 0;
-      valid += row[u] > 0;
-    }
-  }
-  if (valid == 0)
+  const double saturated = raw.depth() == CV_16U ? 65534.5 / scale : std::numeric_limits<double>::infinity();
+  if (keep_measured({depth.ptr<float>(), depth.total()}, saturated) == 0)
     throw Error(ErrorCode::invalid_argument,
                 path + " has no pixel with depth (all 0, negative or not finite): is it the depth image of this reference?");
   return depth;

@@ -10,6 +10,8 @@
 #include <iclk/session/io/pose_text.h>
 #include <iclk/session/io/text.h>
 
+#include "apps/io/time_unit.h"
+
 namespace iclk {
 namespace {
 
@@ -39,6 +41,16 @@ std::vector<StampedFile> load_list(const fs::path& folder, const char* name) {
   if (files.empty()) throw Error(ErrorCode::invalid_argument, path + ": no line 'timestamp filename'");
   std::stable_sort(files.begin(), files.end(), [](const auto& a, const auto& b) { return a.stamp < b.stamp; });
   return files;
+}
+
+/// Times become seconds. The unit they were in.
+template <class Stamped>
+double make_seconds(std::vector<Stamped>& list, double usual = 0) {
+  std::vector<double> times;
+  for (const Stamped& x : list) times.push_back(x.stamp);
+  const double unit = time_unit(times, usual);
+  for (Stamped& x : list) x.stamp *= unit;
+  return unit;
 }
 
 /// For each of `a` the index in `b`, or -1: nearest pairs first, each used once.
@@ -93,19 +105,35 @@ std::optional<fs::path> first_folder(const fs::path& root, std::initializer_list
   return {};
 }
 
-/// The time that a name is, in seconds.
-std::optional<double> time_of(const std::string& stem) {
-  constexpr size_t kNanoseconds = 16;  // digits
-  const bool digits = !stem.empty() && stem.find_first_not_of("0123456789") == std::string::npos;
-  const bool seconds = stem.find_first_not_of("0123456789.") == std::string::npos && stem.find('.') != std::string::npos;
-  if (!seconds && !(digits && stem.size() >= kNanoseconds)) return {};
-  const auto value = to_number(stem);
-  if (!value || !std::isfinite(*value)) return {};
-  return seconds ? *value : 1e-9 * *value;
+/// 20240305123045 or 20240305123045123: a date and a time of day.
+bool is_date(const std::string& digits) {
+  if ((digits.size() != 14 && digits.size() != 17) || (!digits.starts_with("19") && !digits.starts_with("20"))) return false;
+  const auto at = [&](size_t i) { return 10 * (digits[i] - '0') + digits[i + 1] - '0'; };
+  return at(4) >= 1 && at(4) <= 12 && at(6) >= 1 && at(6) <= 31 && at(8) < 24 && at(10) < 60 && at(12) < 60;
 }
 
-/// Image and depth in two folders, by their names.
-void list_folders(const fs::path& root, const SequenceOptions& options, Sequence& sequence) {
+/// The time that a name is, in its own unit.
+std::optional<double> time_of(const std::string& stem) {
+  constexpr size_t kLongest = 16;    // digits; shorter ones are times from so much on
+  constexpr double kLeast = 1e9;
+  const bool digits = !stem.empty() && stem.find_first_not_of("0123456789") == std::string::npos;
+  const bool seconds = stem.find_first_not_of("0123456789.") == std::string::npos && stem.find('.') != std::string::npos;
+  const auto value = to_number(stem);
+  if ((!seconds && !digits) || !value || !std::isfinite(*value) || is_date(stem)) return {};
+  return seconds || stem.size() >= kLongest || *value >= kLeast ? value : std::nullopt;
+}
+
+/// Names of 19 digits are nanoseconds, with zeros before them too.
+double unit_of_names(const std::vector<fs::path>& files) {
+  constexpr size_t kNanoseconds = 19;
+  std::vector<double> times;
+  for (const fs::path& file : files) times.push_back(time_of(file.stem().string()).value_or(0));
+  std::sort(times.begin(), times.end());
+  return files[0].stem().string().size() == kNanoseconds ? 1e-9 : time_unit(times);
+}
+
+/// Image and depth in two folders, by their names. The unit of times.
+double list_folders(const fs::path& root, const SequenceOptions& options, Sequence& sequence) {
   const auto images = first_folder(root, {"rgb", "color", "images", "image"}), depths = first_folder(root, {"depth", "depths"});
   if (!images || (!depths && options.need_depth))
     throw Error(ErrorCode::io, "no " + (root / "rgb.txt").string() +
@@ -117,11 +145,12 @@ void list_folders(const fs::path& root, const SequenceOptions& options, Sequence
   if (files.empty()) throw Error(ErrorCode::invalid_argument, images->string() + " has no image");
   bool timed = true, any_depth = false;
   for (const fs::path& file : files) timed = timed && time_of(file.stem().string());
+  const double unit = timed ? unit_of_names(files) : 0;
   for (size_t i = 0; i < files.size(); ++i) {
     const std::string stem = files[i].stem().string();
     const auto depth = depth_of.find(stem);
     any_depth = any_depth || depth != depth_of.end();
-    sequence.frames.push_back({timed ? *time_of(stem) : static_cast<double>(i) / options.rate,
+    sequence.frames.push_back({timed ? unit * *time_of(stem) : static_cast<double>(i) / options.rate,
                                files[i].string(),
                                depth == depth_of.end() ? "" : depth->second,
                                {},
@@ -132,16 +161,20 @@ void list_folders(const fs::path& root, const SequenceOptions& options, Sequence
                                                  ", as " + files[0].stem().string() + " is");
   std::stable_sort(sequence.frames.begin(), sequence.frames.end(),
                    [](const auto& a, const auto& b) { return a.stamp < b.stamp; });
+  return unit;
 }
 
-void list_tum(const fs::path& root, const SequenceOptions& options, Sequence& sequence) {
-  const std::vector<StampedFile> images = load_list(root, "rgb.txt");
+double list_tum(const fs::path& root, const SequenceOptions& options, Sequence& sequence) {
+  std::vector<StampedFile> images = load_list(root, "rgb.txt");
+  const double unit = make_seconds(images);
   std::vector<StampedFile> depths;
   if (options.need_depth || fs::exists(root / "depth.txt")) depths = load_list(root, "depth.txt");
+  make_seconds(depths, unit);
   const std::vector<int> match = associate(images, depths, options.max_difference);
   for (size_t i = 0; i < images.size(); ++i)
     sequence.frames.push_back(
         {images[i].stamp, images[i].path, match[i] < 0 ? "" : depths[static_cast<size_t>(match[i])].path, {}, {}});
+  return unit;
 }
 
 }  // namespace
@@ -161,12 +194,11 @@ Sequence load_sequence(const std::string& folder, const SequenceOptions& options
   const fs::path root(folder);
   Sequence sequence;
   sequence.folder = folder;
-  if (fs::exists(root / "rgb.txt") || !fs::is_directory(root))
-    list_tum(root, options, sequence);
-  else
-    list_folders(root, options, sequence);
+  const bool tum = fs::exists(root / "rgb.txt") || !fs::is_directory(root);
+  const double unit = tum ? list_tum(root, options, sequence) : list_folders(root, options, sequence);
   std::vector<StampedPose> truth;
   if (fs::exists(root / "groundtruth.txt")) truth = load_trajectory((root / "groundtruth.txt").string());
+  make_seconds(truth, unit);
   if (fs::exists(root / "camera.txt")) sequence.camera = load_camera((root / "camera.txt").string());
   for (SequenceFrame& frame : sequence.frames) {
     SE3 T_wc;

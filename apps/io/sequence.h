@@ -38,8 +38,8 @@ struct SequenceOptions {
 
 /// A folder in the TUM RGB-D layout (rgb.txt, depth.txt): image and depth are paired by time, nearest first, each used once.
 /// Without rgb.txt, a folder `rgb`, `color`, `images` or `image` with a folder `depth` or `depths`: paired by the files' names
-/// without ending, in the order of the numbers in them. Names that are times are times: seconds with a point, nanoseconds of 16
-/// digits or more.
+/// without ending, in the order of the numbers in them. Names that are times are times: numbers with a point, of 16 digits
+/// or more, or from 1e9 on. Times are in seconds, milliseconds, microseconds or nanoseconds, as time_unit() finds.
 /// Throws Error(io) for a missing file, Error(invalid_argument) "<file>:<line>: ..." for a broken line or an empty list.
 Sequence load_sequence(const std::string& folder, const SequenceOptions& options = {});
 

@@ -61,6 +61,19 @@ cv::Mat Undistorter::depth(const cv::Mat& depth) const {
   return out;
 }
 
+void along_axis(const Camera& camera, cv::Mat& depth) {
+  for (int v = 0; v < depth.rows; ++v)
+    for (int u = 0; u < depth.cols; ++u) depth.at<float>(v, u) /= static_cast<float>(camera.ray({u, v}).norm());
+}
+
+void along_axis(const Camera& camera, Features& features) {
+  for (size_t i = 0; i < features.uv.size(); ++i) {
+    const double longer = camera.ray(features.uv[i]).norm();
+    features.inverse_depth[i] *= longer;
+    if (!features.inverse_depth_sigma.empty()) features.inverse_depth_sigma[i] *= longer;
+  }
+}
+
 Eigen::Vector2d Undistorter::source(const Eigen::Vector2d& uv) const {
   if (identity_) return uv;
   const Eigen::Vector3d ray = R_.transpose() * as_.ray(uv);

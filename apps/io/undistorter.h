@@ -3,6 +3,7 @@
 #include <opencv2/core.hpp>
 
 #include <iclk/align/camera.h>
+#include <iclk/align/features.h>
 #include <iclk/align/lens.h>
 
 namespace iclk {
@@ -36,5 +37,9 @@ class Undistorter {
   bool identity_ = true;
   cv::Mat map_u_, map_v_, seen_;
 };
+
+/// Distances from the camera's centre, of undistorted pixels, become depths along its axis. An empty image stays empty.
+void along_axis(const Camera& camera, cv::Mat& depth);
+void along_axis(const Camera& camera, Features& features);
 
 }  // namespace iclk

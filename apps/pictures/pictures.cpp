@@ -50,13 +50,13 @@ void match_exposure(cv::Mat& warped, const cv::Mat& grey_0) {
 }
 
 /// What both pictures of a pose need.
-struct View {
+struct PairView {
   cv::Mat warped;  ///< exposure matched, NaN = unknown
   double rms = NAN;
 };
 
-View view_by(const PairInput& pair, const cv::Mat& grey_0, const cv::Mat& grey_1, const cv::Mat& depth, const SE3& T_10) {
-  View view{warp_target(grey_1, depth, pair.camera, T_10)};
+PairView view_by(const PairInput& pair, const cv::Mat& grey_0, const cv::Mat& grey_1, const cv::Mat& depth, const SE3& T_10) {
+  PairView view{warp_target(grey_1, depth, pair.camera, T_10)};
   if (!pair.mask_1.empty())
     view.warped.setTo(std::numeric_limits<float>::quiet_NaN(), warp_target(pair.mask_1, depth, pair.camera, T_10) < 255);
   match_exposure(view.warped, grey_0);
@@ -72,7 +72,7 @@ View view_by(const PairInput& pair, const cv::Mat& grey_0, const cv::Mat& grey_1
 }
 
 /// Reference in red, target in cyan: grey where they agree.
-cv::Mat overlay_panel(const View& view, const cv::Mat& grey_0) {
+cv::Mat overlay_panel(const PairView& view, const cv::Mat& grey_0) {
   cv::Mat out(grey_0.size(), CV_8UC3);
   for (int v = 0; v < out.rows; ++v)
     for (int u = 0; u < out.cols; ++u) {
@@ -92,7 +92,7 @@ cv::Vec3b signed_colour(double x) {
   return {cv::saturate_cast<uchar>(mixed[0]), cv::saturate_cast<uchar>(mixed[1]), cv::saturate_cast<uchar>(mixed[2])};
 }
 
-cv::Mat residual_panel(const View& view, const cv::Mat& grey_0, double range) {
+cv::Mat residual_panel(const PairView& view, const cv::Mat& grey_0, double range) {
   cv::Mat out(grey_0.size(), CV_8UC3, cv::Scalar(96, 96, 96));
   for (int v = 0; v < out.rows; ++v)
     for (int u = 0; u < out.cols; ++u)
@@ -178,7 +178,7 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
   return canvas;
 }
 
-cv::Mat overlay_picture(const View& before, const View& after, const cv::Mat& grey_0, const RefinedAlignment& result,
+cv::Mat overlay_picture(const PairView& before, const PairView& after, const cv::Mat& grey_0, const RefinedAlignment& result,
                         const std::string& depth_source) {
   const int zoom = zoom_of(grey_0);
   const Pen pen(static_cast<int>(1.4 * grey_0.cols * zoom));
@@ -194,12 +194,12 @@ cv::Mat overlay_picture(const View& before, const View& after, const cv::Mat& gr
   return canvas;
 }
 
-cv::Mat residual_picture(const View& before, const View& after, const cv::Mat& grey_0, const RefinedAlignment& result,
+cv::Mat residual_picture(const PairView& before, const PairView& after, const cv::Mat& grey_0, const RefinedAlignment& result,
                          const std::string& depth_source) {
   const int zoom = zoom_of(grey_0);
   const Pen pen(static_cast<int>(1.4 * grey_0.cols * zoom));
   const double range = std::isfinite(before.rms) ? std::clamp(std::ceil(before.rms / 5) * 10, 20.0, 120.0) : 60;
-  const auto rms = [](const View& view) {
+  const auto rms = [](const PairView& view) {
     return std::isfinite(view.rms) ? formatted("RMS %.1f of 255 grey levels", view.rms) : std::string("nothing to compare");
   };
   cv::Mat canvas = side_by_side(
@@ -298,7 +298,7 @@ cv::Mat picture_depth(const PairInput& pair) {
 
 std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment& result) {
   const cv::Mat grey_0 = grey_8bit(pair.image_0), grey_1 = grey_8bit(pair.image_1), depth = picture_depth(pair);
-  const View before = view_by(pair, grey_0, grey_1, depth, pair.start()),
+  const PairView before = view_by(pair, grey_0, grey_1, depth, pair.start()),
              after = view_by(pair, grey_0, grey_1, depth, result.T_10);
   const std::string source = pair.depth_0.empty() ? "warped by depth between features" : "warped by the depth image";
   return {{"features.png", features_picture(pair, result)},

@@ -8,6 +8,8 @@
 #include <iclk/session/io/feature_csv.h>
 #include <iclk/shaders/shared.h>
 
+#include "apps/io/levels.h"
+
 namespace iclk {
 namespace {
 
@@ -101,6 +103,9 @@ PairInput PairLoader::load(const PairFiles& files) const {
   pair.image_0 = load_image(files.reference, options_.max_pixels);
   pair.image_1 = load_image(files.target, options_.max_pixels);
   require_size(pair.image_1, files.target, pair.image_0, files.reference);
+  const Levels levels{pair.image_0, pair.image_1};
+  levels.apply(pair.image_0);
+  levels.apply(pair.image_1);
   pair.camera = fit_camera(options_.camera, pair.image_0.cols, pair.image_0.rows);
   if (!files.depth.empty()) {
     pair.depth_0 = load_depth(files.depth, options_.depth_scale, options_.max_pixels);
@@ -118,6 +123,10 @@ PairInput PairLoader::load(const PairFiles& files) const {
     pair.image_1 = undistort->image(pair.image_1);
     if (!pair.depth_0.empty()) pair.depth_0 = undistort->depth(pair.depth_0);
     for (Eigen::Vector2d& uv : pair.features.uv) uv = undistort->point(uv);
+  }
+  if (options_.depth_along_ray) {
+    along_axis(pair.camera, pair.depth_0);
+    along_axis(pair.camera, pair.features);
   }
   if (!seen_0.empty()) hide_reference(seen_0, pair);
   pair.load_ms = ms_since(start);

@@ -16,6 +16,7 @@
 #include "apps/common/angles.h"
 #include "apps/io/images.h"
 #include "apps/io/json.h"
+#include "apps/io/levels.h"
 #include "apps/io/sequence.h"
 #include "apps/io/undistorter.h"
 #include "apps/stereo/output.h"
@@ -50,18 +51,26 @@ class Loader {
 
   Loaded load(const StereoFiles& files) const {
     Loaded out;
-    out.left = undistort_left_->image(image(files.left, camera));
-    out.right = undistort_right_->image(image(files.right, right_));
+    cv::Mat left = image(files.left, camera), right = image(files.right, right_);
+    if (left.size() == right.size() && left.type() == right.type() && cv::norm(left, right, cv::NORM_INF) == 0)
+      throw Error(ErrorCode::invalid_argument, files.left + " and " + files.right + " are one image");
+    const Levels levels{left, right};
+    levels.apply(left);
+    levels.apply(right);
+    out.left = undistort_left_->image(left);
+    out.right = undistort_right_->image(right);
     out.mask = undistort_right_->seen();
     cv::Mat depth;
     if (!files.depth.empty()) {
       depth = load_depth(files.depth, options_.depth_scale);
       check_size(depth, files.depth, camera);
       depth = undistort_left_->depth(depth);
+      if (options_.depth_along_ray) along_axis(camera, depth);
     }
     if (!files.features.empty()) {
       out.features = load_features(files.features);
       for (Eigen::Vector2d& uv : out.features.uv) uv = undistort_left_->point(uv);
+      if (options_.depth_along_ray) along_axis(camera, out.features);
     } else {
       if (depth.empty() && options_.distance > 0)
         depth = cv::Mat(camera.height, camera.width, CV_32FC1, cv::Scalar(options_.distance));

@@ -95,6 +95,9 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
                                                  std::to_string(options.first) + " on");
   give_depth();
   const cv::Mat first = image_of(0);
+  if (first.depth() == CV_16U) find_levels();
+  if (sequence_.rig && options.depth_along_ray)
+    throw Error(ErrorCode::invalid_argument, options.folder + " is a stereo recording: --depth-along-ray does not go with it");
   if (sequence_.rig) {
     stereo_.emplace(*sequence_.rig, first.cols, first.rows);
     camera_ = stereo_->camera();
@@ -105,6 +108,19 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
     undistorter_.emplace(camera_, distortion_);
   }
   load_masks();
+}
+
+/// By some of the frames, all over the recording.
+void RecordedFrames::find_levels() {
+  constexpr int kFrames = 16;
+  std::vector<cv::Mat> some;
+  for (int k = 0; k < kFrames; ++k) {
+    try {
+      some.push_back(image_of(k * (size() - 1) / (kFrames - 1)));
+    } catch (const Error&) {  // read() says so
+    }
+  }
+  levels_ = Levels(some);
 }
 
 std::optional<RowTimes> RecordedFrames::rows() const {
@@ -154,8 +170,11 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
     attempt([&] { return left_by(path); }, path, pixels_.mask);
     if (pixels_.mask.empty()) pixels_.image.release();  // what is hidden would be looked at
   }
+  levels_.apply(pixels_.image);
+  levels_.apply(right);
   if (!pixels_.image.empty()) pixels_.image = lens().image(pixels_.image);
   if (!depth.empty()) pixels_.depth = lens().depth(depth);
+  if (options_.depth_along_ray) along_axis(camera_, pixels_.depth);
   if (!right.empty() && !pixels_.image.empty()) pixels_.depth = stereo_->depth(pixels_.image, right);
   if (!pixels_.depth.empty()) cut_holes(pixels_.depth, options_.depth_holes, i);
   return pixels_;

@@ -9,6 +9,7 @@
 #include <iclk/session/io/camera_file.h>
 #include <iclk/track/tracker.h>
 
+#include "apps/io/levels.h"
 #include "apps/io/sequence.h"
 #include "apps/io/undistorter.h"
 #include "apps/io/video.h"
@@ -27,6 +28,7 @@ struct FramesOptions {
   std::optional<CameraFile> camera;      ///< none: the folder's camera.txt
   std::optional<Distortion> distortion;  ///< none: the camera file's
   double depth_scale = 0;                ///< 0: the camera file's
+  bool depth_along_ray = false;          ///< depths are distances from the camera's centre
   double rate = 30;                      ///< frames a second, where the recording has no times
   int first = 0, count = 0, stride = 1;  ///< frames: from, at most (0: all), every so many
   int depth_every = 1;                   ///< of so many frames that are tracked one has its depth; 0: the first alone
@@ -74,6 +76,7 @@ class RecordedFrames {
   void load_masks();
   cv::Mat left_by(const std::string& path) const;
   cv::Mat image_of(int i);
+  void find_levels();
   void check_size(const cv::Mat& image, const std::string& path) const;
   bool has_depth(int i) const { return options_.depth_every > 0 ? i % options_.depth_every == 0 : i == 0; }
 
@@ -90,6 +93,7 @@ class RecordedFrames {
   Camera camera_;
   std::optional<Undistorter> undistorter_;
   std::optional<StereoDepth> stereo_;
+  Levels levels_;
   Pixels pixels_;
 };
 

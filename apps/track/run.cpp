@@ -32,13 +32,13 @@ std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames,
   const FramesOptions& f = options.frames;
   return fmt::format(
       "{} {} first {} stride {} camera {} {} {} {} {} {} distorted {} {} scale {} model {} solver {} tracker {} {} {} {} {} "
-      "{} {} {} {} {} {} {} seeds {} depth {} {} {} rate {} mask {}",
+      "{} {} {} {} {} {} {} seeds {} depth {} {} {} rate {} mask {} ray {}",
       version(), absolute(f.folder), f.first, f.stride, c.fx, c.fy, c.cx, c.cy, c.width, c.height,
       static_cast<int>(frames.distortion().model), fmt::join(frames.distortion().k, ","), f.depth_scale, options.model,
       static_cast<int>(options.solver), tracker.detector.count, tracker.depth_noise.constant, tracker.depth_noise.relative,
       tracker.keyframes, tracker.window, tracker.min_visible, tracker.max_flow, tracker.min_inliers, tracker.readout,
       tracker.weak_correlation, tracker.weak_motion, tracker.min_sharpness, tracker.seeds, f.depth_every, f.depth_holes,
-      absolute(f.depth), f.rate, absolute(f.mask));
+      absolute(f.depth), f.rate, absolute(f.mask), f.depth_along_ray);
 }
 
 void write_results(const TrackRunOptions& options, const Tracker& tracker, const Camera& camera,
