@@ -5,6 +5,7 @@
 
 #include <iclk/align/model_file.h>
 #include <iclk/engine/error.h>
+#include <iclk/session/depth_values.h>
 #include <iclk/session/detect.h>
 #include <iclk/session/models.h>
 
@@ -36,6 +37,16 @@ std::pair<NewArray<double>, NewArray<double>> detect(const Array& image, const A
   return {to_array(uv.data(), {found.uv.size(), 2}), to_array(found.inverse_depth)};
 }
 
+/// A copy without what is no measurement.
+NewArray<float> measured(const Array& depth) {
+  const ImageView metres = image_view(depth);
+  const auto count = static_cast<size_t>(metres.width) * static_cast<size_t>(metres.height);
+  const auto* const first = static_cast<const float*>(metres.data);
+  std::vector<float> out(first, first + count);
+  keep_measured(out);
+  return to_array(std::move(out), {static_cast<size_t>(metres.height), static_cast<size_t>(metres.width)});
+}
+
 std::string info(const std::string& model, int width, int height, const std::vector<std::string>& folders) {
   return model_json(load_model(find_model(model, folders)), width, height).dump();
 }
@@ -46,6 +57,7 @@ void bind_functions(nb::module_& m) {
   m.def("devices", &devices);
   m.def("detect", &detect, nb::arg("image"), nb::arg("depth"), nb::arg("mask").none(), nb::arg("detector"), nb::arg("count"),
         nb::arg("seed"));
+  m.def("keep_measured", &measured, nb::arg("depth"));
   m.def("model_info", &info, nb::arg("model"), nb::arg("width"), nb::arg("height"), nb::arg("folders"));
 }
 

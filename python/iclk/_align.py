@@ -56,7 +56,7 @@ def detect(
     """At most ``count`` features of an image where its depth is known, depth edges last: those of `iclk align`.
 
     image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, float; 0, negative,
-    NaN and infinite mean none. detector: "shi-tomasi", corners spread over the image; "grid", even spacing; "random", of
+    NaN, infinite and masked mean none, and so does a largest value that many pixels share, as of saturated sensors. detector: "shi-tomasi", corners spread over the image; "grid", even spacing; "random", of
     ``seed``. mask: H x W of bool or uint8, 0 where the image is not to be looked at.
 
     Returns uv (N x 2, px, centres at whole numbers) and their depths (N, metres); fewer or none where there are not as many.
@@ -164,7 +164,7 @@ def _features(
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     if uv is None:
         return _core.detect(pixels, _arrays.depth_map(depth, "depth"), None, "shi-tomasi", count, 0)
-    at, metres = _arrays.points(uv, "uv"), _arrays.numbers(depth, "depth")
+    at, metres = _arrays.points(uv, "uv"), _arrays.depths(depth, "depth")
     if metres.ndim == 2 and metres.shape == pixels.shape[:2]:
         raise _arrays.refuse("depth is a map: give None for uv, or the depths at uv: depth[v, u]")
     if len(at) != metres.size or metres.ndim != 1:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from . import _core
 from ._errors import InvalidArgument
 
 _PIXELS = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
@@ -28,13 +29,31 @@ def array(x: Any, name: str) -> npt.NDArray[Any]:
         raise refuse(f"{name} cannot be read as an array: {e}") from e
 
 
+def _unmasked(a: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
+    """Raises InvalidArgument for an array of numpy.ma that hides something."""
+    if np.ma.is_masked(a):
+        raise refuse(f"{name} is a masked array, and masked values are none here: fill them, or give a mask")
+    return a.data if isinstance(a, np.ma.MaskedArray) else a
+
+
+def _metres(x: Any, name: str) -> npt.NDArray[Any]:
+    """Depths as floating-point numbers; masked ones are 0, which is none."""
+    a = array(x, name)
+    if isinstance(a, np.ma.MaskedArray):
+        a = a.filled(0)
+    if a.size and a.dtype.kind != "f":
+        hint = "raw / 5000.0 of TUM RGB-D, raw / 1000.0 of millimetres"
+        raise refuse(f"{name} is {a.dtype}; metres as floating-point numbers are wanted: {hint}")
+    return a
+
+
 def _native(a: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return a if a.dtype.isnative else a.astype(a.dtype.newbyteorder("="))
 
 
 def image(x: Any, name: str) -> npt.NDArray[Any]:
     """H x W or H x W x 3, uint8, uint16 or float32; rows that are packed in themselves and follow each other downwards."""
-    a = _native(array(x, name))
+    a = _native(_unmasked(array(x, name), name))
     if a.ndim != 2 and not (a.ndim == 3 and a.shape[2] == 3):
         raise refuse(f"{name} has the shape {a.shape}; H x W (grey) or H x W x 3 (red, green, blue) is wanted")
     if a.dtype not in _PIXELS:
@@ -50,21 +69,23 @@ def image(x: Any, name: str) -> npt.NDArray[Any]:
 
 def mask(x: Any, name: str) -> npt.NDArray[np.uint8]:
     """H x W, bool or uint8: 0 and False hide."""
-    a = array(x, name)
+    a = _unmasked(array(x, name), name)
     if a.ndim != 2 or a.dtype not in (np.dtype(bool), np.dtype(np.uint8)):
         raise refuse(f"{name} is {a.dtype} of the shape {a.shape}; H x W of bool or uint8 is wanted")
     return np.ascontiguousarray(a).view(np.uint8)
 
 
 def depth_map(x: Any, name: str) -> npt.NDArray[np.float32]:
-    """H x W metres."""
-    a = array(x, name)
+    """H x W metres; 0 where `iclk align` would see no measurement either."""
+    a = _metres(x, name)
     if a.ndim != 2:
         raise refuse(f"{name} has the shape {a.shape}; H x W is wanted, or the features' uv beside N depths")
-    if a.dtype.kind != "f":
-        hint = "raw / 5000.0 of TUM RGB-D, raw / 1000.0 of millimetres"
-        raise refuse(f"{name} is {a.dtype}; metres as float32 are wanted: {hint}")
-    return np.ascontiguousarray(a, dtype=np.float32)
+    return _core.keep_measured(np.ascontiguousarray(a, dtype=np.float32))
+
+
+def depths(x: Any, name: str) -> npt.NDArray[np.float64]:
+    """Of features, or a map."""
+    return np.ascontiguousarray(_metres(x, name), dtype=np.float64)
 
 
 def vector(x: Any, name: str) -> npt.NDArray[np.float64]:
@@ -91,7 +112,7 @@ def pose(x: Any, name: str) -> npt.NDArray[np.float64]:
 
 
 def numbers(x: Any, name: str) -> npt.NDArray[np.float64]:
-    a = array(x, name)
+    a = _unmasked(array(x, name), name)
     if a.dtype.kind not in "fiu":
         raise refuse(f"{name} is {a.dtype}; numbers are wanted")
     return np.ascontiguousarray(a, dtype=np.float64)

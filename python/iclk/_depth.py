@@ -56,7 +56,7 @@ def depth_map(
     if near is None and far is not None:
         raise _arrays.refuse("far without near")
     at = np.zeros((0, 2)) if uv is None else _arrays.points(uv, "uv")
-    q = np.zeros(0) if depth is None else _arrays.inverse(_arrays.vector(depth, "depth"))
+    q = np.zeros(0) if depth is None else _arrays.inverse(_arrays.vector(_arrays.depths(depth, "depth"), "depth"))
     if near is not None and not near > 0:
         raise _arrays.refuse(f"near {near} must be positive")
     intrinsics = _arrays.intrinsics(K)

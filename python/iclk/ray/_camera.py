@@ -36,7 +36,7 @@ class Undistorter:
     def __init__(self, camera: Camera, distortion: Distortion) -> None:
         model, k = distortion
         self._K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-        self._k, self._radtan = np.array(k), model == "radtan"
+        self._k, self._radtan = np.array(k), model != "equidistant"
         size = (camera.width, camera.height)
         make = cv2.initUndistortRectifyMap if self._radtan else cv2.fisheye.initUndistortRectifyMap
         self._u, self._v = make(self._K, self._k, np.eye(3), self._K, size, cv2.CV_32FC1)

@@ -12,6 +12,7 @@ os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")  # OpenCV asks once, when
 os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
 import cv2  # noqa: E402
 
+from .. import _core  # noqa: E402
 from ._manifest import BadPair, Source, name_of, read  # noqa: E402
 
 Image = npt.NDArray[Any]
@@ -83,6 +84,21 @@ def load_image(source: Source, key: str, most_pixels: int) -> Image:
     return image
 
 
+def level(images: list[Image]) -> list[Image]:
+    """16-bit images of few bits between a common black and white, as `iclk batch` has them (apps/io/levels.cpp)."""
+    deep = [image.ravel() for image in images if image.dtype == np.uint16]
+    if not deep:
+        return images
+    counts = np.bincount(np.concatenate(deep), minlength=65536)
+    most = int(1e-3 * counts.sum())
+    low, high = int(np.argmax(np.cumsum(counts) > most)), 65535 - int(np.argmax(np.cumsum(counts[::-1]) > most))
+    if high - low >= 16384:
+        return images
+    scale = 65535 / (1.5 * max(high - low, 1024))
+    table = np.rint(np.clip(32767.5 + scale * (np.arange(65536) - 0.5 * (low + high)), 0, 65535)).astype(np.uint16)
+    return [table[image] if image.dtype == np.uint16 else image for image in images]
+
+
 def load_mask(source: Source, key: str, most_pixels: int) -> Image:
     """255 where the file is not 0 in any of its channels but alpha, else 0."""
     image = load_image(source, key, most_pixels)
@@ -104,11 +120,17 @@ def load_depth(source: Source, key: str, scale: float, most_pixels: int) -> Imag
                 f"{name} is 16-bit: say with --depth-scale how many raw units a metre has (TUM RGB-D 5000, millimetres 1000)"
             )
         depth = raw.astype(np.float32) * np.float32(1 / scale)
+        depth[raw == 65535] = 0
     elif raw.dtype in (np.float32, np.float64):
+        if scale not in (0, 1):
+            raise BadPair(
+                f"{name} is float, which is read as metres, but a depth scale of {scale:g} units a metre is given; leave it out, "
+                "or give --depth-scale 1, if these are metres"
+            )
         depth = raw.astype(np.float32)
     else:
         raise BadPair(f"{name} is {type_name(raw)}{remedy}")
-    depth[~(np.isfinite(depth) & (depth > 0))] = 0
+    depth = _core.keep_measured(depth)
     if not depth.any():
         raise BadPair(
             f"{name} has no pixel with depth (all 0, negative or not finite): is it the depth image of this reference?"

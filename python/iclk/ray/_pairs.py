@@ -96,6 +96,7 @@ class Loader:
         image_0 = _images.load_image(request.reference, "reference", settings.max_pixels)
         image_1 = _images.load_image(request.target, "target", settings.max_pixels)
         _require_size(image_1, name_of(request.target, "target"), image_0, name)
+        image_0, image_1 = _images.level([image_0, image_1])
         height, width = image_0.shape[:2]
         distortion = self._distortion or camera.distortion
         if request.distortion is not None:
