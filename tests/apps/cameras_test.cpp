@@ -188,7 +188,7 @@ TEST(Distortion, Text) {
   EXPECT_EQ(parse_distortion("radtan:1,2,3,4,5").k[4], 5);
   EXPECT_EQ(parse_distortion("equidistant:1,2,3,4").model, Distortion::Model::equidistant);
   EXPECT_TRUE(parse_distortion("none").empty());
-  expect_error([] { parse_distortion("radtan:1,2,3"); }, ErrorCode::invalid_argument, {"4 or 5", "3"});
+  expect_error([] { parse_distortion("radtan:1,2,3"); }, ErrorCode::invalid_argument, {"4, 5 or 8", "3"});
   expect_error([] { parse_distortion("equidistant:1,2,3,4,5"); }, ErrorCode::invalid_argument, {"4 coefficients"});
   expect_error([] { parse_distortion("radtan"); }, ErrorCode::invalid_argument, {"radtan", "0"});
   expect_error([] { parse_distortion("brown:1,2,3,4"); }, ErrorCode::invalid_argument, {"brown"});
@@ -200,7 +200,8 @@ TEST(Distortion, Text) {
 Eigen::Vector2d distort(const Camera& c, const Distortion& d, const Eigen::Vector2d& uv) {
   const double x = (uv.x() - c.cx) / c.fx, y = (uv.y() - c.cy) / c.fy, r2 = x * x + y * y;
   if (d.model == Distortion::Model::radtan) {
-    const double radial = 1 + r2 * (d.k[0] + r2 * (d.k[1] + r2 * (d.k.size() > 4 ? d.k[4] : 0)));
+    double radial = 1 + r2 * (d.k[0] + r2 * (d.k[1] + r2 * (d.k.size() > 4 ? d.k[4] : 0)));
+    if (d.k.size() > 5) radial /= 1 + r2 * (d.k[5] + r2 * (d.k[6] + r2 * d.k[7]));
     return {c.fx * (x * radial + 2 * d.k[2] * x * y + d.k[3] * (r2 + 2 * x * x)) + c.cx,
             c.fy * (y * radial + d.k[2] * (r2 + 2 * y * y) + 2 * d.k[3] * x * y) + c.cy};
   }
@@ -212,6 +213,7 @@ Eigen::Vector2d distort(const Camera& c, const Distortion& d, const Eigen::Vecto
 TEST(Distortion, PointsAndImagesFollowTheFormulas) {
   const Camera camera{517.3, 516.5, 318.6, 255.3, 640, 480};
   for (const char* text : {"radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "radtan:-0.28,0.07,0.0002,0.00002",
+                           "radtan:0.3,-0.2,0.001,-0.002,0.05,0.5,-0.1,0.02",
                            "equidistant:-0.01,0.02,-0.01,0.005"}) {
     const Distortion d = parse_distortion(text);
     const Undistorter undistort(camera, d);

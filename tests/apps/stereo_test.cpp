@@ -242,6 +242,58 @@ TEST_F(Stereo, EveryFormatComesBackWithTheNewPoseAndAllElse) {
   EXPECT_NE(bytes_of(own.path("new_mav0/cam1/sensor.yaml")).find("# fu, fv, cu, cv"), std::string::npos);
 }
 
+TEST_F(Stereo, CalibrationsAreWrittenAsTheyWereRead) {
+  const Folder own;
+  std::string text = camchain();
+  text.replace(text.find("cam1:"), 5, "\"cam1\":");
+  text.replace(text.find("T_cn_cnm1:"), 10, "\"T_cn_cnm1\":  # from Kalibr");
+  text.replace(text.find("  cam_overlaps: [0]"), 0, "  # measured in May\n");
+  own.write("chain.yaml", "\xef\xbb\xbf" + text);
+  const StereoFile before = load_stereo(own.path("chain.yaml"));
+  const SE3 T = before.T_rl * SE3::exp((Vector6d() << 0.01, 0.02, -0.01, 0.02, -0.03, 0.01).finished());
+  const std::string written = with_extrinsics(before, T)[0].second;
+  own.write("new.yaml", written);
+  EXPECT_LT((load_stereo(own.path("new.yaml")).T_rl.inverse() * T).log().norm(), 1e-12);
+  for (const char* piece : {"# from Kalibr", "# measured in May", "[[", "],\n    [", "\"T_cn_cnm1\": ", "rostopic: /left  # mine"})
+    EXPECT_NE(written.find(piece), std::string::npos) << piece << " in\n" << written;
+}
+
+TEST_F(Stereo, TwoFilesOfOpenCv) {
+  const Folder own;
+  const std::string matrix = ": !!opencv-matrix\n   rows: 3\n   cols: 3\n   dt: d\n   data: [ ",
+                    K = "500., 0., 320., 0., 500., 240., 0., 0., 1. ]\n", I = "1., 0., 0., 0., 1., 0., 0., 0., 1. ]\n";
+  const auto intrinsics = [&](const std::string& d) {
+    const std::string D = ": !!opencv-matrix\n   rows: 1\n   cols: 5\n   dt: d\n   data: [ " + d + " ]\n";
+    return "%YAML:1.0\n---\nimageSize: [ 640, 480 ]\nM1" + matrix + K + "D1" + D + "M2" + matrix + K + "D2" + D;
+  };
+  own.write("intrinsics.yml", intrinsics("0.1, 0., 0., 0., 0."));
+  own.write("extrinsics.yml", "%YAML:1.0\n---\nR" + matrix + I + "T: [ -0.1, 0., 0. ]\nR1" + matrix + I + "rms: 0.2\n");
+  for (const char* name : {"intrinsics.yml", "extrinsics.yml", ""}) {
+    const StereoFile file = load_stereo(own.path(name));
+    EXPECT_EQ(file.left.camera.width, 640) << name;
+    ASSERT_EQ(file.files.size(), 2u);
+    const auto out = with_extrinsics(file, {Eigen::Matrix3d::Identity(), {-0.2, 0, 0}});
+    EXPECT_EQ(out[0], file.files[0]);
+    EXPECT_EQ(out[1].second.find("R1"), std::string::npos) << "of the old pose";
+    EXPECT_NE(out[1].second.find("rms: 0.2"), std::string::npos);
+  }
+  own.write("intrinsics.yml", intrinsics("0.1, 0.2, 0.3, 0.4"));
+  expect_error([&] { load_stereo(own.path("intrinsics.yml")); }, ErrorCode::invalid_argument, {"cv::fisheye", "distortion_model"});
+  own.write("intrinsics.yml", intrinsics("0.1, 0.2, 0.3, 0.4") + "distortion_model: equidistant\n");
+  EXPECT_EQ(load_stereo(own.path("intrinsics.yml")).left.distortion.model, Distortion::Model::equidistant);
+  fs::remove(own.path("extrinsics.yml"));
+  expect_error([&] { load_stereo(own.path("intrinsics.yml")); }, ErrorCode::invalid_argument, {"extrinsics", "missing"});
+}
+
+TEST_F(Stereo, GarbageGivesNoCalibration) {
+  ICLK_NEED_DEVICE();
+  const Folder own;
+  const std::string left = knocked() + "/left", chain = own.write("chain.yaml", camchain());
+  const Finished same = run({"stereo", "--left", left, "--right", left, "--distance", "22", "--calibration", chain});
+  EXPECT_EQ(same.code, 3);
+  EXPECT_NE(same.err.find("one image"), std::string::npos) << same.err;
+}
+
 TEST_F(Stereo, BadInputIsSaid) {
   const Folder own;
   const std::string chain = own.write("chain.yaml", camchain());

@@ -295,7 +295,8 @@ TEST(Track, BadInputIsSaid) {
   EXPECT_NE(camera.err.find("--camera"), std::string::npos) << camera.err;
   ICLK_NEED_DEVICE();
   const Finished flat = run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000"});
-  EXPECT_EQ(flat.code, 0) << flat.err;
+  EXPECT_EQ(flat.code, 14) << flat.err;
+  EXPECT_NE(flat.err.find("nothing was tracked"), std::string::npos) << flat.err;
   EXPECT_NE(flat.out.find("1 lost"), std::string::npos) << flat.out;
   EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--first", "5"}).code, 3);
   EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--readout", "soon"}).code, 3);
@@ -303,14 +304,14 @@ TEST(Track, BadInputIsSaid) {
   folder.write("one/rgb.txt", "2.0 none.png\n1.0 a.png\n1.0 a.png\n3.0 cut.png\n4.0 a.png\n");
   folder.write("one/cut.png", bytes_of(one + "/a.png").substr(0, 60));
   const Finished broken = run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000"});
-  EXPECT_EQ(broken.code, 0) << broken.err;
+  EXPECT_EQ(broken.code, 14) << broken.err;
   EXPECT_NE(broken.out.find("unreadable 2, the first: "), std::string::npos) << broken.out;
   EXPECT_NE(broken.out.find("none.png"), std::string::npos) << broken.out;
   EXPECT_NE(broken.out.find("left out   1"), std::string::npos) << broken.out;
   folder.write("one/rgb.txt", "1.0 a.png\n2.0 a.png\n");
   folder.write("one/depth.txt", "1.0 gone.png\n2.0 z.png\n");
   const Finished gone = run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000"});
-  EXPECT_EQ(gone.code, 0) << gone.err;
+  EXPECT_EQ(gone.code, 14) << gone.err;
   EXPECT_NE(gone.out.find("unreadable 1, the first: "), std::string::npos) << gone.out;
   EXPECT_NE(gone.out.find("gone.png"), std::string::npos) << gone.out;
   EXPECT_NE(gone.out.find("depth      1 frames"), std::string::npos) << gone.out;
