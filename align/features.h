@@ -29,8 +29,8 @@ enum class FeatureCheck : uint8_t {
 };
 const char* name(FeatureCheck check);
 
-/// One verdict a feature. Throws Error(invalid_argument) only if the vectors' lengths differ, and for a sigma that is negative or
-/// infinite.
+/// One verdict a feature. Throws Error(invalid_argument) only if the vectors' lengths differ, and for a sigma that is negative
+/// or infinite.
 std::vector<FeatureCheck> check_features(const Features& features, const Camera& camera);
 
 /// How many are ok.

@@ -38,8 +38,7 @@ size_t keep_measured(std::span<float> depths, double most) {
     if (!(std::isfinite(z) && z > 0 && z < kBeyondAll && z != kHalfLargest && static_cast<double>(z) < most)) z = 0;
   const Largest l = largest(depths);
   const bool fills = static_cast<double>(l.of_first) > kShare * static_cast<double>(depths.size());
-  if (l.second > 0 && fills && l.of_first > kPeak * l.of_second)
-    std::replace(depths.begin(), depths.end(), l.first, 0.0f);
+  if (l.second > 0 && fills && l.of_first > kPeak * l.of_second) std::replace(depths.begin(), depths.end(), l.first, 0.0f);
   return depths.size() - static_cast<size_t>(std::count(depths.begin(), depths.end(), 0.0f));
 }
 

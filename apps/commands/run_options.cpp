@@ -122,9 +122,10 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
   command.add_option("--depth-scale", depth_scale,
                      "Raw units a metre of 16-bit depth (TUM RGB-D 5000, millimetres 1000); default: camera.txt's. Float depth "
                      "is in metres");
-  command.add_flag("--depth-along-ray", depth_along_ray,
-                   "Depths, those of features too, are distances from the camera's centre (laser scanners, some simulators), not "
-                   "depths along its axis");
+  command.add_flag(
+      "--depth-along-ray", depth_along_ray,
+      "Depths, those of features too, are distances from the camera's centre (laser scanners, some simulators), not "
+      "depths along its axis");
   command
       .add_option("--depth-sigma", depth_sigma,
                   "How wrong depths are, where features bring no sigma: auto (estimated from the pair), 1.5% (of the depth), "

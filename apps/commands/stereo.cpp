@@ -83,7 +83,8 @@ void add_stereo(CLI::App& app, int& exit) {
       ->type_name("DIR");
   command
       ->add_option("--calibration", options->calibration,
-                   "Kalibr camchain, OpenCV stereo YAML (with the other of intrinsics.yml and extrinsics.yml beside it), or a folder with EuRoC's cam0/sensor.yaml and cam1/sensor.yaml")
+                   "Kalibr camchain, OpenCV stereo YAML (with the other of intrinsics.yml and extrinsics.yml beside it), or a "
+                   "folder with EuRoC's cam0/sensor.yaml and cam1/sensor.yaml")
       ->required()
       ->check(not_empty);
   command->add_option("--depth-scale", run_options.depth_scale, "Raw units a metre of 16-bit depth; float depth is in metres");

@@ -23,7 +23,7 @@ struct DepthFiles {
   std::string features, depth;  ///< sparse depths, or a depth image
   double depth_scale = 0;
   bool depth_along_ray = false;  ///< of features and depth: distances from the camera's centre
-  std::string range;  ///< NEAR,FAR in metres
+  std::string range;             ///< NEAR,FAR in metres
 };
 
 /// As pinhole cameras would have seen it; the reference and every target have one size.

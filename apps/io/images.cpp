@@ -160,8 +160,8 @@ cv::Mat load_mask(const std::string& path, uint64_t max_pixels) {
 cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
   const std::string bytes = read_file(path);
   if (const std::string names = exr_channels(bytes); !names.empty() && names != "Y" && names != "B,G,R" && names != "A,B,G,R")
-    throw Error(ErrorCode::invalid_argument, path + " has the EXR channels " + printable(names) +
-                                                 "; write the depth alone into a file, as channel Y");
+    throw Error(ErrorCode::invalid_argument,
+                path + " has the EXR channels " + printable(names) + "; write the depth alone into a file, as channel Y");
   cv::Mat raw = decode(path, bytes, max_pixels), depth;
   const std::string remedy = "; a depth image is 16-bit with --depth-scale, or 32-bit float in metres, with 1 channel";
   if (raw.channels() > 1 && raw.depth() >= CV_32F) {

@@ -26,8 +26,8 @@ cv::Mat load_image(const std::string& path, uint64_t max_pixels = kMaxPixels);
 
 /// Depth in metres, CV_32FC1, 0 = no depth (also where keep_measured() says so).
 /// 16-bit files are divided by `scale` (raw units a metre); float files are metres already and take no scale but 1 (0: none).
-/// Throws as load_image does, and Error(invalid_argument) for a wrong type or scale, EXR channels of which it is not plain which
-/// is the depth, a PFM whose values are to be scaled, and a file without a single valid pixel.
+/// Throws as load_image does, and Error(invalid_argument) for a wrong type or scale, EXR channels of which it is not plain
+/// which is the depth, a PFM whose values are to be scaled, and a file without a single valid pixel.
 cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels = kMaxPixels);
 
 /// A mask: CV_8UC1, 255 where the file is not 0 (in any of its channels but alpha), else 0. Throws as load_image does.

@@ -37,7 +37,8 @@ Levels::Levels(const std::vector<cv::Mat>& images) {
   const double scale = kWhite / ((1 + 2 * kMargin) * range);
   table_.create(1, kWhite + 1, CV_16UC1);
   for (int i = 0; i <= kWhite; ++i)
-    table_.at<uint16_t>(i) = static_cast<uint16_t>(std::lrint(std::clamp(0.5 * kWhite + scale * (i - middle), 0.0, 1.0 * kWhite)));
+    table_.at<uint16_t>(i) =
+        static_cast<uint16_t>(std::lrint(std::clamp(0.5 * kWhite + scale * (i - middle), 0.0, 1.0 * kWhite)));
 }
 
 void Levels::apply(cv::Mat& image) const {

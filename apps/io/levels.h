@@ -6,8 +6,8 @@
 
 namespace iclk {
 
-/// Black and white of 16-bit images whose values fill less than a quarter of the 16 bits, as those of cameras with 10 to 14 bits
-/// and of thermal ones do. Images of one pair and of one sequence have one.
+/// Black and white of 16-bit images whose values fill less than a quarter of the 16 bits, as those of cameras with 10 to 14
+/// bits and of thermal ones do. Images of one pair and of one sequence have one.
 class Levels {
  public:
   Levels() = default;  ///< changes nothing

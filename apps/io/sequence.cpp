@@ -114,7 +114,7 @@ bool is_date(const std::string& digits) {
 
 /// The time that a name is, in its own unit.
 std::optional<double> time_of(const std::string& stem) {
-  constexpr size_t kLongest = 16;    // digits; shorter ones are times from so much on
+  constexpr size_t kLongest = 16;  // digits; shorter ones are times from so much on
   constexpr double kLeast = 1e9;
   const bool digits = !stem.empty() && stem.find_first_not_of("0123456789") == std::string::npos;
   const bool seconds = stem.find_first_not_of("0123456789.") == std::string::npos && stem.find('.') != std::string::npos;

@@ -77,8 +77,8 @@ StereoFile load_euroc(const std::string& folder) {
 /// Of the files of cv::stereoCalibrate(): M1, D1, M2, D2 in the first, R and T in the last, which may be the same.
 void read_opencv_rig(const std::string& source, const Yaml& cameras, const Yaml& pose, StereoFile& file) {
   file.format = StereoFile::Format::opencv;
-  file.left = opencv_camera(cameras, spelling(cameras, kMatrices1), spelling(cameras, {"D1", "distCoeffs1", "dist_coeffs_1"}),
-                            source);
+  file.left =
+      opencv_camera(cameras, spelling(cameras, kMatrices1), spelling(cameras, {"D1", "distCoeffs1", "dist_coeffs_1"}), source);
   file.right = opencv_camera(cameras, spelling(cameras, {"M2", "K2", "cameraMatrix2", "camera_matrix_2"}),
                              spelling(cameras, {"D2", "distCoeffs2", "dist_coeffs_2"}), source);
   const std::vector<double> R = yaml_numbers(pose, "R", 9, source), t = yaml_numbers(pose, "T", 3, source);
@@ -92,7 +92,9 @@ void read_opencv_rig(const std::string& source, const Yaml& cameras, const Yaml&
   }
 }
 
-bool has_pose(const Yaml& yaml) { return yaml.find(data_key(yaml, "R")) != nullptr && yaml.find(data_key(yaml, "T")) != nullptr; }
+bool has_pose(const Yaml& yaml) {
+  return yaml.find(data_key(yaml, "R")) != nullptr && yaml.find(data_key(yaml, "T")) != nullptr;
+}
 
 /// extrinsics.yml of intrinsics.yml, or the other way round: OpenCV's sample stereo_calib writes both.
 std::string beside(const std::string& path, const std::string& name) {
@@ -101,7 +103,8 @@ std::string beside(const std::string& path, const std::string& name) {
     const fs::path other = fs::path(path).parent_path() / (name + ending);
     if (fs::exists(other, ignored)) return other.string();
   }
-  fail("calibration " + path, "the " + name + " of this OpenCV calibration are missing: there is no " + name + ".yml beside it");
+  fail("calibration " + path,
+       "the " + name + " of this OpenCV calibration are missing: there is no " + name + ".yml beside it");
 }
 
 void add_file(StereoFile& file, const std::string& path) {

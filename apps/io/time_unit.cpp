@@ -6,9 +6,9 @@
 namespace iclk {
 namespace {
 
-constexpr double kYear2001 = 1e9, kYear2103 = 4.2e9;            // s since 1970
+constexpr double kYear2001 = 1e9, kYear2103 = 4.2e9;                         // s since 1970
 constexpr double kTicks = 1e-7, kTicks2001 = 1.26e10, kTicks2103 = 1.59e10;  // s since 1601
-constexpr double kRarest = 20, kSlowest = 2;                     // s from frame to frame
+constexpr double kRarest = 20, kSlowest = 2;                                 // s from frame to frame
 constexpr double kUnits[] = {1, 1e-3, 1e-6, 1e-9};
 
 double median_step(const std::vector<double>& times) {

@@ -299,7 +299,7 @@ cv::Mat picture_depth(const PairInput& pair) {
 std::vector<Picture> make_pictures(const PairInput& pair, const RefinedAlignment& result) {
   const cv::Mat grey_0 = grey_8bit(pair.image_0), grey_1 = grey_8bit(pair.image_1), depth = picture_depth(pair);
   const PairView before = view_by(pair, grey_0, grey_1, depth, pair.start()),
-             after = view_by(pair, grey_0, grey_1, depth, result.T_10);
+                 after = view_by(pair, grey_0, grey_1, depth, result.T_10);
   const std::string source = pair.depth_0.empty() ? "warped by depth between features" : "warped by the depth image";
   return {{"features.png", features_picture(pair, result)},
           {"overlay.png", overlay_picture(before, after, grey_0, result, source)},

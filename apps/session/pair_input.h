@@ -25,7 +25,7 @@ struct InputOptions {
   double depth_scale = 0;                ///< raw units a metre; 0: the camera file's
   DepthSigma depth_sigma;
   bool depth_along_ray = false;  ///< depths, also those of features, are distances from the camera's centre
-  std::string mask;  ///< image that hides pixels of both images where it is 0; may be empty
+  std::string mask;              ///< image that hides pixels of both images where it is 0; may be empty
   DetectorOptions detector;
   uint64_t max_pixels = kMaxPixels;  ///< of an image or a depth image
 };

@@ -31,9 +31,9 @@ std::vector<StereoFiles> list_pairs(const std::string& left, const std::string& 
 struct StereoRunOptions {
   std::vector<StereoFiles> pairs;
   StereoFile calibration;
-  double depth_scale = 0;  ///< raw units a metre of 16-bit depth
+  double depth_scale = 0;        ///< raw units a metre of 16-bit depth
   bool depth_along_ray = false;  ///< depths are distances from the left camera's centre
-  double distance = 0;     ///< m: of a scene without depth, about; depths are then unknown
+  double distance = 0;           ///< m: of a scene without depth, about; depths are then unknown
   DepthSigma depth_sigma;
   DetectorOptions detector;
   RigOptions rig;

@@ -56,7 +56,8 @@ def detect(
     """At most ``count`` features of an image where its depth is known, depth edges last: those of `iclk align`.
 
     image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, float; 0, negative,
-    NaN, infinite and masked mean none, and so does a largest value that many pixels share, as of saturated sensors. detector: "shi-tomasi", corners spread over the image; "grid", even spacing; "random", of
+    NaN, infinite and masked mean none, and so does a largest value that many pixels share, as of
+    saturated sensors. detector: "shi-tomasi", corners spread over the image; "grid", even spacing; "random", of
     ``seed``. mask: H x W of bool or uint8, 0 where the image is not to be looked at.
 
     Returns uv (N x 2, px, centres at whole numbers) and their depths (N, metres); fewer or none where there are not as many.

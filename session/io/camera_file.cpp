@@ -181,7 +181,8 @@ CameraFile load_file(const std::string& path, const FileReader& read) {
     if (first = without_comment(line); !first.empty()) break;
   if (read_colmap(text, file)) return file;
   if (const std::string foreign = foreign_format(text); !foreign.empty())
-    fail(file.source, "this is " + foreign + ", which iclk does not read; give fx,fy,cx,cy[,width,height], or a file of Kalibr, "
+    fail(file.source, "this is " + foreign +
+                          ", which iclk does not read; give fx,fy,cx,cy[,width,height], or a file of Kalibr, "
                           "EuRoC, OpenCV (YAML), ROS or COLMAP");
   if (first.find(':') == std::string_view::npos && !first.starts_with("---")) {
     read_line(text, file);
@@ -236,8 +237,7 @@ CameraFile opencv_camera(const Yaml& yaml, const std::string& matrix, const std:
   const Keys keys{yaml, file.source};
   set_intrinsics(file, matrix_intrinsics(yaml_numbers(yaml, matrix, 9, source), matrix, source));
   read_extent(keys, file);
-  if (yaml.find(coefficients) != nullptr)
-    file.distortion = opencv_lens(keys, yaml_numbers(yaml, coefficients, 0, source));
+  if (yaml.find(coefficients) != nullptr) file.distortion = opencv_lens(keys, yaml_numbers(yaml, coefficients, 0, source));
   check_intrinsics(file);
   return file;
 }

@@ -15,8 +15,8 @@ struct ColmapModel {
   const char* lens;
 };
 constexpr ColmapModel kColmapModels[] = {
-    {"SIMPLE_PINHOLE", 1, 0, "none"},     {"PINHOLE", 2, 0, "none"},      {"SIMPLE_RADIAL", 1, 1, "radtan"},
-    {"RADIAL", 1, 2, "radtan"},           {"OPENCV", 2, 4, "radtan"},     {"OPENCV_FISHEYE", 2, 4, "equidistant"},
+    {"SIMPLE_PINHOLE", 1, 0, "none"}, {"PINHOLE", 2, 0, "none"},  {"SIMPLE_RADIAL", 1, 1, "radtan"},
+    {"RADIAL", 1, 2, "radtan"},       {"OPENCV", 2, 4, "radtan"}, {"OPENCV_FISHEYE", 2, 4, "equidistant"},
     {"FULL_OPENCV", 2, 8, "radtan"},
 };
 constexpr double kColmapCentre = 0.5;  // of the first pixel, whose centre is 0 here
@@ -41,8 +41,8 @@ void read_colmap_line(const std::vector<std::string>& words, CameraFile& file) {
          std::to_string(std::max<size_t>(p.size(), 2) - 2));
   for (size_t i = 0; i < 2; ++i)
     if (!(p[i] >= 1 && p[i] <= 65536)) fail("image size " + words[2 + i] + " is not a whole number from 1 to 65536");
-  file.camera = {p[2],          p[1 + f], p[2 + f] - kColmapCentre, p[3 + f] - kColmapCentre, static_cast<int>(p[0]),
-                 static_cast<int>(p[1])};
+  file.camera = {
+      p[2], p[1 + f], p[2 + f] - kColmapCentre, p[3 + f] - kColmapCentre, static_cast<int>(p[0]), static_cast<int>(p[1])};
   std::vector<double> k(p.begin() + static_cast<std::ptrdiff_t>(4 + f), p.end());
   if (!k.empty()) k.resize(std::max<size_t>(k.size(), 4));
   file.distortion = make_distortion(model->lens, k, file.source);
@@ -55,7 +55,8 @@ bool read_colmap(std::string_view text, CameraFile& file) {
   for (const std::string_view line : lines_of(text)) {
     const std::vector<std::string> words = split_words(without_comment(line));
     if (words.empty()) continue;
-    const bool named = words.size() > 4 && words[1].find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789") == words[1].npos &&
+    const bool named = words.size() > 4 &&
+                       words[1].find_first_not_of("ABCDEFGHIJKLMNOPQRSTUVWXYZ_0123456789") == words[1].npos &&
                        words[1].front() >= 'A';
     if (first.empty() && (!named || !to_number(words[0]))) return false;
     if (!first.empty() && !std::equal(words.begin() + 1, words.end(), first.begin() + 1, first.end()))

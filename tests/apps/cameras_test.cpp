@@ -213,8 +213,7 @@ Eigen::Vector2d distort(const Camera& c, const Distortion& d, const Eigen::Vecto
 TEST(Distortion, PointsAndImagesFollowTheFormulas) {
   const Camera camera{517.3, 516.5, 318.6, 255.3, 640, 480};
   for (const char* text : {"radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "radtan:-0.28,0.07,0.0002,0.00002",
-                           "radtan:0.3,-0.2,0.001,-0.002,0.05,0.5,-0.1,0.02",
-                           "equidistant:-0.01,0.02,-0.01,0.005"}) {
+                           "radtan:0.3,-0.2,0.001,-0.002,0.05,0.5,-0.1,0.02", "equidistant:-0.01,0.02,-0.01,0.005"}) {
     const Distortion d = parse_distortion(text);
     const Undistorter undistort(camera, d);
     // The distorted image's value at a pixel is that pixel's column (row): undistorted, it says where the value came from.

@@ -59,9 +59,11 @@ TEST(RosCamera, Distortion) {
   expect_error([&] { lens("[0.1, 0.2, 0.3, 0.4]", ""); }, ErrorCode::invalid_argument, {"without a model", "cv::fisheye"});
   expect_error([&] { lens("[0, 0, 0, 0, 0, 0, 0, 0, 0.1, 0, 0, 0]", "plumb_bob"); }, ErrorCode::invalid_argument, {"not 9"});
   const std::string turned = "image_width: 640\nimage_height: 480\ncamera_matrix: [600, 0, 0, 0, 600, 0, 319.5, 239.5, 1]\n";
-  expect_error([&] { load_camera(folder.write("t.yaml", turned)); }, ErrorCode::invalid_argument, {"camera_matrix", "row by row"});
-  const CameraFile ros2 = load_camera(folder.write(
-      "ros2.yaml", "\xef\xbb\xbfheight: 480\nwidth: 640\ndistortion_model: plumb_bob\nd:\n- 0.1\n- 0.0\n- 0.0\n- 0.0\n- 0.0\n"
+  expect_error([&] { load_camera(folder.write("t.yaml", turned)); }, ErrorCode::invalid_argument,
+               {"camera_matrix", "row by row"});
+  const CameraFile ros2 = load_camera(
+      folder.write("ros2.yaml",
+                   "\xef\xbb\xbfheight: 480\nwidth: 640\ndistortion_model: plumb_bob\nd:\n- 0.1\n- 0.0\n- 0.0\n- 0.0\n- 0.0\n"
                    "k:\n- 600.0\n- 0.0\n- 319.5\n- 0.0\n- 600.0\n- 239.5\n- 0.0\n- 0.0\n- 1.0\n---\n"));
   EXPECT_EQ(ros2.camera.width, 640);
   EXPECT_EQ(ros2.distortion.k[0], 0.1);
@@ -92,7 +94,9 @@ TEST(ForeignCamera, OthersAreNamed) {
                                                        {"P0: 7.1e2 0 6.0e2 0 0 7.1e2 1.8e2 0 0 0 1 0\n", "KITTI"},
                                                        {"cam0=[500 0 320; 0 500 240; 0 0 1]\n", "Middlebury"},
                                                        {"<?xml version=\"1.0\"?>\n<opencv_storage>\n", "XML"},
-                                                       {"\xff\xfe" "5", "UTF-16"}};
+                                                       {"\xff\xfe"
+                                                        "5",
+                                                        "UTF-16"}};
   for (const auto& [text, name] : files)
     expect_error([&] { load_camera(folder.write("c.txt", text)); }, ErrorCode::invalid_argument, {"c.txt", name, "COLMAP"});
   EXPECT_EQ(load_camera(folder.write("c.txt", "# Pinhole fx fy cx cy\n500 500 320 240\n")).camera.fx, 500);
@@ -142,7 +146,8 @@ TEST(DepthFiles, WhatTheySayIsUsedOrRefused) {
 
 TEST(Levels, OfFewBitsFillTheRange) {
   cv::Mat thermal(40, 50, CV_16UC1), other = cv::Mat(40, 50, CV_16UC1, cv::Scalar(8500)), full(40, 50, CV_16UC1);
-  for (int i = 0; i < 2000; ++i) thermal.at<uint16_t>(i) = static_cast<uint16_t>(8000 + i), full.at<uint16_t>(i) = 30 * i & 0xffff;
+  for (int i = 0; i < 2000; ++i)
+    thermal.at<uint16_t>(i) = static_cast<uint16_t>(8000 + i), full.at<uint16_t>(i) = 30 * i & 0xffff;
   const cv::Mat before = full.clone();
   const Levels levels{thermal, other};
   levels.apply(thermal);
@@ -160,7 +165,7 @@ TEST(Times, UnitsOfListsAndNames) {
   EXPECT_EQ(time_unit({1403636579763, 1403636579813}), 1e-3);
   EXPECT_EQ(time_unit({1403636579763.5, 1403636579813.5}), 1e-3);
   EXPECT_EQ(time_unit({1403636579763555, 1403636579763556}), 1e-6);
-  EXPECT_EQ(time_unit({1403636579763555584, 1403636579813555584}), 1e-9);
+  EXPECT_EQ(time_unit({1403636579763555584.0, 1403636579813555584.0}), 1e-9);
   EXPECT_EQ(time_unit({132e15, 132e15 + 333333}), 1e-7);
   EXPECT_EQ(time_unit({0, 33, 67, 100}), 1e-3);
   EXPECT_EQ(time_unit({0, 33333, 66667}), 1e-6);
@@ -202,9 +207,14 @@ TEST(Times, StereoStampsMayDifferByNanoseconds) {
 }
 
 TEST(FeatureFile, InfiniteSigmasAreRefused) {
-  expect_error([] { parse_features("u,v,depth,sigma\n1,2,3,inf\n", "f.csv"); }, ErrorCode::invalid_argument, {"f.csv:2", "finite"});
+  expect_error([] { parse_features("u,v,depth,sigma\n1,2,3,inf\n", "f.csv"); }, ErrorCode::invalid_argument,
+               {"f.csv:2", "finite"});
   Features features{{{40, 40}}, {0.5}, {-0.1}};
-  expect_error([&] { check_features(features, {100, 100, 40, 40, 80, 80}); }, ErrorCode::invalid_argument, {"feature 0", "-0.1"});
+  expect_error(
+      [&] {
+        check_features(features, {100, 100, 40, 40, 80, 80});
+      },
+      ErrorCode::invalid_argument, {"feature 0", "-0.1"});
   features.inverse_depth_sigma = {0};
   EXPECT_NO_THROW(check_features(features, {100, 100, 40, 40, 80, 80}));
 }

@@ -254,7 +254,8 @@ TEST_F(Stereo, CalibrationsAreWrittenAsTheyWereRead) {
   const std::string written = with_extrinsics(before, T)[0].second;
   own.write("new.yaml", written);
   EXPECT_LT((load_stereo(own.path("new.yaml")).T_rl.inverse() * T).log().norm(), 1e-12);
-  for (const char* piece : {"# from Kalibr", "# measured in May", "[[", "],\n    [", "\"T_cn_cnm1\": ", "rostopic: /left  # mine"})
+  for (const char* piece :
+       {"# from Kalibr", "# measured in May", "[[", "],\n    [", "\"T_cn_cnm1\": ", "rostopic: /left  # mine"})
     EXPECT_NE(written.find(piece), std::string::npos) << piece << " in\n" << written;
 }
 
@@ -278,7 +279,8 @@ TEST_F(Stereo, TwoFilesOfOpenCv) {
     EXPECT_NE(out[1].second.find("rms: 0.2"), std::string::npos);
   }
   own.write("intrinsics.yml", intrinsics("0.1, 0.2, 0.3, 0.4"));
-  expect_error([&] { load_stereo(own.path("intrinsics.yml")); }, ErrorCode::invalid_argument, {"cv::fisheye", "distortion_model"});
+  expect_error([&] { load_stereo(own.path("intrinsics.yml")); }, ErrorCode::invalid_argument,
+               {"cv::fisheye", "distortion_model"});
   own.write("intrinsics.yml", intrinsics("0.1, 0.2, 0.3, 0.4") + "distortion_model: equidistant\n");
   EXPECT_EQ(load_stereo(own.path("intrinsics.yml")).left.distortion.model, Distortion::Model::equidistant);
   fs::remove(own.path("extrinsics.yml"));
@@ -288,10 +290,26 @@ TEST_F(Stereo, TwoFilesOfOpenCv) {
 TEST_F(Stereo, GarbageGivesNoCalibration) {
   ICLK_NEED_DEVICE();
   const Folder own;
-  const std::string left = knocked() + "/left", chain = own.write("chain.yaml", camchain());
+  std::string text = camchain();
+  text.replace(text.find("[328, 236]"), 10, "[320, 240]");
+  const std::string left = knocked() + "/left", chain = own.write("chain.yaml", text);
   const Finished same = run({"stereo", "--left", left, "--right", left, "--distance", "22", "--calibration", chain});
   EXPECT_EQ(same.code, 3);
-  EXPECT_NE(same.err.find("one image"), std::string::npos) << same.err;
+  EXPECT_NE(same.err.find("are one image"), std::string::npos) << same.err;
+  // One pair of five shows the same ground.
+  std::string lines;
+  const auto file = [](const char* key, const char* name, int i, const char* ending) {
+    return std::string("\"") + key + "\": \"" + knocked() + "/" + name + "/" + std::to_string(i) + ending + "\"";
+  };
+  for (int i = 0; i < 5; ++i)
+    lines += "{" + file("left", "left", i, ".png") + ", " + file("right", "right", i == 0 ? 0 : i % 4 + 1, ".png") + ", " +
+             file("depth", "depth", i, ".exr") + "}\n";
+  own.write("mixed.jsonl", lines);
+  const Finished mixed =
+      run({"stereo", own.path("mixed.jsonl"), "--calibration", knocked() + ".yaml", "--out", own.path("out")});
+  EXPECT_EQ(mixed.code, 14) << mixed.out;
+  EXPECT_NE(mixed.out.find("1 of 5 pairs agree"), std::string::npos) << mixed.out;
+  EXPECT_FALSE(fs::exists(own.path("out/knocked.yaml")));
 }
 
 TEST_F(Stereo, BadInputIsSaid) {

@@ -124,8 +124,8 @@ def load_depth(source: Source, key: str, scale: float, most_pixels: int) -> Imag
     elif raw.dtype in (np.float32, np.float64):
         if scale not in (0, 1):
             raise BadPair(
-                f"{name} is float, which is read as metres, but a depth scale of {scale:g} units a metre is given; leave it out, "
-                "or give --depth-scale 1, if these are metres"
+                f"{name} is float, which is read as metres, but a depth scale of {scale:g} units a metre is given; leave it "
+                "out, or give --depth-scale 1, if these are metres"
             )
         depth = raw.astype(np.float32)
     else:
