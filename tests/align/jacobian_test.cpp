@@ -322,7 +322,8 @@ TEST(Camera, CheckNamesTheValue) {
     return refusal([&] { camera.check(); });
   };
   EXPECT_EQ(with([](Camera&) {}), "accepted");
-  EXPECT_EQ(with([](Camera& c) { c.fx = -5; }), "accepted");
+  EXPECT_EQ(with([](Camera& c) { c.fx = -525; }), "accepted");
+  EXPECT_NE(with([](Camera& c) { c.fx = -5; }).find("too short for 640x480 pixels"), std::string::npos);
   EXPECT_NE(with([](Camera& c) { c.fx = 0; }).find("focal length fx,fy = 0,-520"), std::string::npos);
   EXPECT_NE(with([](Camera& c) { c.fy = 0; }).find("525,0"), std::string::npos);
   EXPECT_NE(with([](Camera& c) { c.cy = kNaN; }).find("nan"), std::string::npos);
