@@ -149,7 +149,7 @@ Solution solve(const Camera& camera, std::span<const internal::Observation> used
 /// ones.
 constexpr double kSharp = 0.025;
 /// Mean logarithm of the squared residuals by which another pose has to be better.
-constexpr double kClearlyBetter = 0.7;
+constexpr double kClearlyBetter = 1;
 
 /// The pose of the least cost among those that three features each explain exactly: where many depths are wrong, a descent from
 /// the pose that all features agreed on ends between the right ones and the wrong ones.

@@ -124,8 +124,9 @@ Shown shown(const View& view, std::span<const AlignedFeature> features, const SE
 }
 
 /// The verdict over the whole way; `pose` is the last round's. False if features speak against the pose that ICLK found.
-bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, RefinedAlignment& r) {
+bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, bool guessed, RefinedAlignment& r) {
   internal::Evidence e;
+  e.guessed = guessed;
   const Shown s = shown(view, r.features, pose.T_10);
   e.visible = s.visible;
   e.candidates = s.candidates;
@@ -357,7 +358,7 @@ void Refiner::conclude(const Pair& pair, Candidate& c) const {
   RefinedAlignment& r = *c.result;
   if (r.rounds == 0) return;
   const Matrix6d turn_share = options_.rolling_shutter ? unbend(view, options_.pose, r, c.pose) : Matrix6d::Zero();
-  const bool compatible = decide(view, c.pose, options_, r);
+  const bool compatible = decide(view, c.pose, options_, !pair.search, r);
   if (!usable(r.status)) {  // T_10 stays ICLK's
     if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
       r.reason = r.iclk.reason + "; not refined: " + r.reason;

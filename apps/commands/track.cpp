@@ -64,14 +64,13 @@ void run_track(const TrackCommand& command, int& exit) {
                 ? fmt::format("stereo:{},{}", kStereoSigma, frames.stereo()->baseline())
                 : "structured-light";
   const DepthSigma sigma = parse_depth_sigma(noise);
-  options.tracker.depth_noise = {sigma.constant, sigma.relative};
+  options.tracker.depth_noise = {sigma.constant + sigma.disparity / std::abs(frames.camera().fx), sigma.relative};
   if (command.readout != "auto") {
     const auto ms = to_number(command.readout);
     if (!ms) throw Error(ErrorCode::invalid_argument, "--readout " + command.readout + ": a number of ms or auto expected");
     options.tracker.readout = *ms / 1000;
   }
   options.tracker.check();
-  if (sigma.disparity > 0) options.tracker.depth_noise.constant += sigma.disparity / std::abs(frames.camera().fx);
   ProgressBar bar;
   Stopwatch watch;
   const auto progress = [&](int done, int total, int lost) {

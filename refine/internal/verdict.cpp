@@ -24,8 +24,8 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   if (e.inliers < needed) {
     why << "the features do not confirm the pose: " << e.inliers << " agree on it, " << needed << " of " << e.candidates
         << " with texture inside the target needed; " << summary(features);
-    // Enough were found to confirm the pose, and did not.
-    const bool refuted = e.aligned >= needed && e.inliers < kRefuted * e.aligned;
+    // Enough were found to confirm the pose, and did not. A tracker weighs such a pose by its guess.
+    const bool refuted = !e.guessed && e.aligned >= needed && e.inliers < kRefuted * e.aligned;
     return end(Status::diverged, !refuted);
   }
   if (!usable(e.pose_status)) {

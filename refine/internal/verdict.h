@@ -11,6 +11,7 @@ struct Evidence {
   int visible = 0;     ///< features whose patch the pose puts inside image 1
   int candidates = 0;  ///< of these, with texture: the rest says nothing about the pose
   int aligned = 0, inliers = 0, rounds = 0;
+  bool guessed = false;   ///< the pose began at a first guess, and was not searched for
   double sigma = 0;       ///< px, of the reprojection residuals
   double correction = 0;  ///< px, median over the features of what refinement moved them by
   Status pose_status = Status::diverged;
