@@ -22,9 +22,10 @@ struct CascadePair {
 
 /// The cheapest answer that can be believed: every pair begins with the first model, and what does not end in
 /// Status::converged goes on to the next; the last one's answer stands whatever it is. Where features stand still with the
-/// camera, the others are asked alone, and their pose stands if they are more (RefinedAlignment::fixed). A pair's answer does not depend on the
-/// pairs beside it. RefinedAlignment::model says who answered, RefinedAlignment::attempts what came before. Pairs come with
-/// their references, or with the slots of keyframes that were prepared for any number of targets. One thread at a time.
+/// camera, the others are asked alone, and their pose stands if they are more (RefinedAlignment::fixed). A pair's answer does
+/// not depend on the pairs beside it. RefinedAlignment::model says who answered, RefinedAlignment::attempts what came before.
+/// Pairs come with their references, or with the slots of keyframes that were prepared for any number of targets. One thread at
+/// a time.
 class Cascade {
  public:
   struct Step {

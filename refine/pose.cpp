@@ -8,8 +8,8 @@
 #include <Eigen/Eigenvalues>
 
 #include <iclk/align/common/options_check.h>
-#include <iclk/align/search/p3p.h>
 #include <iclk/align/search/matching.h>
+#include <iclk/align/search/p3p.h>
 #include <iclk/refine/internal/uncertainty.h>
 
 namespace iclk {
@@ -145,8 +145,8 @@ Solution solve(const Camera& camera, std::span<const internal::Observation> used
   return s;
 }
 
-/// px: scale of a loss in which positions that are good to a hundredth of a pixel outweigh a pose between right depths and wrong
-/// ones.
+/// px: scale of a loss in which positions that are good to a hundredth of a pixel outweigh a pose between right depths and
+/// wrong ones.
 constexpr double kSharp = 0.025;
 /// Mean logarithm of the squared residuals by which another pose has to be better.
 constexpr double kClearlyBetter = 1;
@@ -193,7 +193,9 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
   Solution first = solve(camera, used, T_10, scale, options.iterations);
   if (const std::optional<SE3> T = consensus(camera, used, kSharp)) {
     const Solution other = solve(camera, used, *T, kSharp, options.iterations);
-    const auto mean_log = [&](const SE3& at) { return internal::cauchy_cost(internal::residual_norms(camera, used, at), kSharp) / (0.5 * kSharp * kSharp); };
+    const auto mean_log = [&](const SE3& at) {
+      return internal::cauchy_cost(internal::residual_norms(camera, used, at), kSharp) / (0.5 * kSharp * kSharp);
+    };
     if (other.ending.usable && mean_log(other.T_10) < mean_log(first.T_10) - kClearlyBetter) first = other;
   }
   if (first.ending.usable) {

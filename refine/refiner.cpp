@@ -34,12 +34,7 @@ Stage& stage(RefinedAlignment& r, const char* name) {
   return r.stages.back();
 }
 
-/// What refinement knows of one pair.
-struct View {
-  const Camera& camera;
-  const Features& features;
-  const std::vector<FeatureCheck>& checks;
-};
+using internal::View;
 
 View view_of(const Aligner& aligner, int slot) { return {aligner.camera(slot), aligner.features(slot), aligner.checks(slot)}; }
 
@@ -50,20 +45,6 @@ bool is_visible(const View& view, size_t i, const SE3& T_10) {
   const double margin = 0.5 * (ICLK_PATCH - 1);
   return w.valid && w.uv1.x() >= margin && w.uv1.y() >= margin && w.uv1.x() <= view.camera.width - 1 - margin &&
          w.uv1.y() <= view.camera.height - 1 - margin;
-}
-
-/// How far each feature moves in image 1 from pose a to pose b, px; infinite where one of them puts it behind the camera.
-/// Sorted.
-std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
-  std::vector<double> m;
-  for (size_t i = 0; i < view.checks.size(); ++i) {
-    if (view.checks[i] != FeatureCheck::ok) continue;
-    const PatchWarp wa = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], a);
-    const PatchWarp wb = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], b);
-    m.push_back(wa.valid && wb.valid ? (wb.uv1 - wa.uv1).norm() : std::numeric_limits<double>::infinity());
-  }
-  std::sort(m.begin(), m.end());
-  return m;
 }
 
 Recolouring recolour(std::span<const AlignedFeature> features) {
@@ -134,7 +115,7 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   e.inliers = pose.inliers;
   e.rounds = r.rounds;
   e.sigma = pose.sigma;
-  if (const std::vector<double> moved = motions(view, r.iclk.T_10, pose.T_10); !moved.empty())
+  if (const std::vector<double> moved = internal::motions(view, r.iclk.T_10, pose.T_10); !moved.empty())
     e.correction = moved[moved.size() / 2];
   e.pose_status = pose.status;
   e.pose_reason = pose.reason;
@@ -146,39 +127,6 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   r.status = verdict.status;
   r.reason = std::move(verdict.reason);
   return verdict.compatible;
-}
-
-/// Whether one pose has so much for itself that the other explains only what repeats, or a small part that moves by itself.
-bool dominates(const View& view, const RefinerOptions& options, const RefinedAlignment& one, const RefinedAlignment& other) {
-  const internal::Contest c = internal::compare(view.camera, view.features, one, other, options.pose.inlier_distance);
-  return c.first >= std::max<double>(options.min_inliers, 0.1 * one.inliers) && c.second <= options.max_rival_share * c.first;
-}
-
-/// The answer becomes the pose among these that dominates all others; where none does, it is ambiguous.
-void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
-  RefinedAlignment* best = &answer;
-  for (RefinedAlignment& rival : rivals)
-    if (rival.converged() && dominates(view, options, rival, *best)) best = &rival;
-  std::vector<Rival> others;
-  const auto consider = [&](const RefinedAlignment& other) {
-    if (&other == best || other.inliers < options.min_inliers) return;
-    const std::vector<double> apart = motions(view, best->T_10, other.T_10);
-    if (!(apart[apart.size() / 2] > options.pose.inlier_distance) || dominates(view, options, *best, other)) return;
-    others.push_back({other.T_10, other.inliers});
-  };
-  consider(answer);
-  for (const RefinedAlignment& rival : rivals) consider(rival);
-  if (best != &answer) {
-    best->iclk = std::move(answer.iclk);
-    answer = std::move(*best);
-  }
-  if (others.empty()) return;
-  std::sort(others.begin(), others.end(), [](const Rival& a, const Rival& b) { return a.inliers > b.inliers; });
-  answer.rivals = std::move(others);
-  answer.status = Status::ambiguous;
-  answer.covariance.setZero();
-  answer.reason = std::to_string(answer.rivals.front().inliers) + " features agree on another pose, which explains the images as "
-                  "well: " + answer.reason;
 }
 
 internal::Elsewhere look(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,
@@ -193,30 +141,6 @@ internal::Elsewhere look(const View& view, const RefinerOptions& options, const 
   const double explained = static_cast<double>(answer.inliers - std::count(still.begin(), still.end(), true)) / candidates;
   return internal::look_elsewhere(reference, pair, view.camera, view.features, view.checks, answer.T_10, agree, explained,
                                   kRivals);
-}
-
-/// A pose that the features confirm is better than a model's that they do not.
-void prefer_confirmed(std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
-  RefinedAlignment* best = nullptr;
-  for (RefinedAlignment& rival : rivals)
-    if (rival.converged() && (!best || rival.inliers > best->inliers)) best = &rival;
-  if (!best) return;
-  best->iclk = std::move(answer.iclk);
-  answer = std::move(*best);
-}
-
-/// What stands still while other features are `seen` elsewhere may be fixed to the camera: a caption, the own vehicle, dirt.
-void doubt_stillness(const View& view, const RefinerOptions& options, int seen, RefinedAlignment& answer) {
-  const auto count = static_cast<int>(view.checks.size());
-  std::vector<bool> still = internal::still(view.camera, view.features, answer, options.pose.inlier_distance);
-  const auto standing = static_cast<int>(std::count(still.begin(), still.end(), true));
-  const int inliers = answer.refined ? answer.inliers : count;
-  if (standing < options.min_inliers || standing < 0.25 * inliers || seen < std::max(3.0, 0.02 * inliers)) return;
-  answer.fixed = std::move(still);
-  answer.status = Status::ambiguous;
-  answer.covariance.setZero();
-  answer.reason = std::to_string(standing) + " features of " + std::to_string(inliers) + " stand still and may be fixed to the "
-                  "camera, while " + std::to_string(seen) + " are seen elsewhere; " + answer.reason;
 }
 
 void refine_depths(const View& view, const RefinerOptions& options, const Matrix6d& turn_share, RefinedAlignment& r) {
@@ -296,9 +220,8 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
     if (usable(r.status)) candidates.push_back({i, &r, r.T_10, {}});
   }
   run_rounds(pairs, candidates);
-  internal::for_each_of(candidates.size(), options_.threads, [&](size_t k) {
-    conclude(pairs[candidates[k].pair], candidates[k]);
-  });
+  internal::for_each_of(candidates.size(), options_.threads,
+                        [&](size_t k) { conclude(pairs[candidates[k].pair], candidates[k]); });
   question(pairs, candidates);
 }
 
@@ -340,7 +263,7 @@ void Refiner::run_rounds(std::span<const Pair> pairs, std::span<Candidate> candi
       c.pose = pose;
       // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
       if (pose.inliers < options_.pose.min_features) return;
-      const std::vector<double> moved = motions(view(c), c.T_10, pose.T_10);
+      const std::vector<double> moved = internal::motions(view(c), c.T_10, pose.T_10);
       c.T_10 = pose.T_10;
       const bool recoloured = found.weights != r.recolouring.weights;
       r.recolouring = found;  // what the next round sees
@@ -363,8 +286,8 @@ void Refiner::conclude(const Pair& pair, Candidate& c) const {
     if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
       r.reason = r.iclk.reason + "; not refined: " + r.reason;
       r.status = r.iclk.status;
-      r.covariance = r.iclk.covariance +
-                     internal::depth_covariance(view.camera, view.features, view.checks, r.T_10, c.pose.depth_sigma, ICLK_MAP_SIGMA);
+      r.covariance = r.iclk.covariance + internal::depth_covariance(view.camera, view.features, view.checks, r.T_10,
+                                                                    c.pose.depth_sigma, ICLK_MAP_SIGMA);
       r.turn.reset();
       r.features.clear();  // what was found is not where the pose puts it
     }
@@ -402,8 +325,9 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
   }
   for (size_t k = 0; k < answers.size(); ++k) {
     RefinedAlignment& answer = *answers[k].result;
-    answer.refined ? weigh(view(answers[k]), options_, found[k], answer) : prefer_confirmed(found[k], answer);
-    if (answer.converged()) doubt_stillness(view(answers[k]), options_, elsewhere[k].seen, answer);
+    answer.refined ? internal::weigh(view(answers[k]), options_, found[k], answer)
+                   : internal::prefer_confirmed(found[k], answer);
+    if (answer.converged()) internal::doubt_stillness(view(answers[k]), options_, elsewhere[k].seen, answer);
   }
 }
 

@@ -90,9 +90,9 @@ struct RefinedAlignment {
   std::optional<Eigen::Vector3d> turn;
   int rounds = 0;
   int visible = 0, aligned = 0,
-      inliers = 0;                ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
-  double sigma = 0;               ///< px: robust standard deviation of the reprojection residuals
-  std::vector<Rival> rivals;      ///< with Status::ambiguous: what speaks against T_10, the strongest first
+      inliers = 0;            ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
+  double sigma = 0;           ///< px: robust standard deviation of the reprojection residuals
+  std::vector<Rival> rivals;  ///< with Status::ambiguous: what speaks against T_10, the strongest first
   /// One a feature: it stands still while the camera moves, as a caption or the own vehicle does. Empty where nothing does. A
   /// Cascade finds the pose without these.
   std::vector<bool> fixed;

@@ -1,4 +1,8 @@
-"""Kinds of pairs that deceive, for scripts/deceive: each takes a pair, its random numbers, whether to be hard, and another picture."""
+"""Kinds of pairs that deceive, for scripts/deceive.
+
+Each takes a pair, its random numbers, whether to be hard, and another picture.
+"""
+
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -8,11 +12,12 @@ import numpy as np
 @dataclass
 class Scene:
     """A pair as a method gets it, and what is true of it."""
+
     image_0: np.ndarray
     image_1: np.ndarray
-    depth: np.ndarray          # metres, what the method is told; 0: unknown
-    K: np.ndarray              # fx fy cx cy, what the method is told
-    truth: np.ndarray          # T_10; None: no pose is right
+    depth: np.ndarray  # metres, what the method is told; 0: unknown
+    K: np.ndarray  # fx fy cx cy, what the method is told
+    truth: np.ndarray  # T_10; None: no pose is right
     true_depth: np.ndarray = None
     true_K: np.ndarray = None
     judged: np.ndarray = None  # pixels of image 0 that belong to the scene
@@ -29,6 +34,7 @@ class Scene:
 
 
 # ---- what is fixed to the camera
+
 
 def words(rng, scene, count, size, where=None):
     """A mask of text, and the same for both images."""
@@ -53,8 +59,16 @@ def time_stamp(rng, scene, hard, other):
     h = scene.size[1]
     mask = np.zeros(scene.image_0.shape[:2], np.uint8)
     for k in range(int(rng.integers(2, 5)) if hard else int(rng.integers(1, 3))):
-        cv2.putText(mask, f'2026-{rng.integers(1, 12):02}-{rng.integers(1, 28):02} 12:{rng.integers(60):02} CAM {rng.integers(9)}',
-                    (10, h - 12 - 26 * k), cv2.FONT_HERSHEY_SIMPLEX, 0.8, 255, 2, cv2.LINE_AA)
+        cv2.putText(
+            mask,
+            f'2026-{rng.integers(1, 12):02}-{rng.integers(1, 28):02} 12:{rng.integers(60):02} CAM {rng.integers(9)}',
+            (10, h - 12 - 26 * k),
+            cv2.FONT_HERSHEY_SIMPLEX,
+            0.8,
+            255,
+            2,
+            cv2.LINE_AA,
+        )
     if hard:
         for _ in range(2):
             cv2.circle(mask, (int(rng.uniform(0.1, 0.9) * scene.size[0]), 40), 22, 255, int(rng.integers(3, 8)))
@@ -113,12 +127,17 @@ def fixed_pattern(rng, scene, hard, other):
 
 
 def reflection(rng, scene, hard, other):
-    out = lay(scene, np.full(scene.image_0.shape[:2], 255, np.uint8), cv2.resize(other, scene.size),
-              rng.uniform(0.3, 0.7) if hard else rng.uniform(0.08, 0.2))
+    out = lay(
+        scene,
+        np.full(scene.image_0.shape[:2], 255, np.uint8),
+        cv2.resize(other, scene.size),
+        rng.uniform(0.3, 0.7) if hard else rng.uniform(0.08, 0.2),
+    )
     return replace(out, judged=scene.judged)
 
 
 # ---- what moves by itself
+
 
 def mover(rng, scene, hard, other):
     """A piece of another picture that goes its own way, as a thing at the scene's depth would."""
@@ -138,26 +157,30 @@ def mover(rng, scene, hard, other):
     depth = scene.depth.copy()
     if rng.random() < 0.5:
         depth[mask > 0] = rng.uniform(0.4, 0.9) * np.median(scene.depth[scene.depth > 0])
-    return replace(scene, image_0=images[0], image_1=images[1], depth=depth, true_depth=scene.depth,
-                   judged=scene.judged & (mask == 0))
+    return replace(
+        scene, image_0=images[0], image_1=images[1], depth=depth, true_depth=scene.depth, judged=scene.judged & (mask == 0)
+    )
 
 
 def large_mover(rng, scene, hard, other):
     w, h = scene.size
     share = rng.uniform(0.5, 0.85)
     mask = np.zeros((h, w), np.uint8)
-    mask[int((1 - share) * h):] = 255
+    mask[int((1 - share) * h) :] = 255
     paint = cv2.resize(other, (w, h)).astype(np.float32)
     du, dv = rng.uniform(8, 30, 2) * rng.choice([-1, 1], 2)
     images = []
     for image, shift in ((scene.image_0, 0), (scene.image_1, 1)):
         a = mask[..., None].astype(np.float32) / 255
-        moved = cv2.warpAffine(paint, np.float32([[1, 0, du * shift], [0, 1, dv * shift]]), (w, h), borderMode=cv2.BORDER_REFLECT)
+        moved = cv2.warpAffine(
+            paint, np.float32([[1, 0, du * shift], [0, 1, dv * shift]]), (w, h), borderMode=cv2.BORDER_REFLECT
+        )
         images.append((image * (1 - a) + moved * a + 0.5).astype(np.uint8))
     return replace(scene, image_0=images[0], image_1=images[1], judged=scene.judged & (mask == 0))
 
 
 # ---- light
+
 
 def both(scene, f):
     put = lambda image: np.clip(f(image.astype(np.float32)) + 0.5, 0, 255).astype(np.uint8)
@@ -194,6 +217,7 @@ def jpeg(rng, scene, hard, other):
 
 # ---- another picture
 
+
 def unrelated(rng, scene, hard, other):
     return replace(scene, image_1=cv2.resize(other, scene.size), truth=None)
 
@@ -207,7 +231,7 @@ def half_doubled(rng, scene, hard, other):
     half = scene.size[0] // 2
     images = []
     for image in (scene.image_0, scene.image_1):
-        images.append(np.hstack([image[:, :half], image[:, :half], image[:, 2 * half:]]))
+        images.append(np.hstack([image[:, :half], image[:, :half], image[:, 2 * half :]]))
     judged = scene.judged.copy()
     judged[:, half:] = False
     return replace(scene, image_0=images[0], image_1=images[1], judged=judged)
@@ -215,12 +239,13 @@ def half_doubled(rng, scene, hard, other):
 
 # ---- repeated structure: a wall and a floor
 
+
 def tile_texture(rng, kind, unit):
     """4 x 4 periods of `unit` px, grey."""
     n = 4 * unit
     v, u = np.mgrid[:n, :n]
     noise = np.tile(rng.normal(0, 1, (unit, unit)).astype(np.float32), (3, 3))
-    pattern = cv2.GaussianBlur(noise, (0, 0), unit / 24)[unit:2 * unit, unit:2 * unit]
+    pattern = cv2.GaussianBlur(noise, (0, 0), unit / 24)[unit : 2 * unit, unit : 2 * unit]
     pattern = 130 + 25 * np.tile(pattern / pattern.std(), (4, 4))
     joint = unit / 20
     if kind == 'bricks':
@@ -247,7 +272,7 @@ def tile_texture(rng, kind, unit):
 
 def wall(kind):
     def make(rng, scene, hard, other):
-        w, h, K = 640, 480, np.array([420., 420, 319.5, 239.5])
+        w, h, K = 640, 480, np.array([420.0, 420, 319.5, 239.5])
         period, unit, n = rng.uniform(0.3, 0.8), 64, 1024
         texture = np.tile(tile_texture(rng, kind, unit), (4, 4))
         own = cv2.GaussianBlur(rng.normal(0, 1, (n, n)).astype(np.float32), (0, 0), 2)  # no two tiles are quite alike
@@ -255,43 +280,57 @@ def wall(kind):
         if not hard:  # a poster
             s = int(rng.integers(120, 220))
             x, y = (int(a) for a in rng.uniform(300, 724 - s, 2))
-            texture[y:y + s, x:x + s] = cv2.resize(cv2.cvtColor(other, cv2.COLOR_BGR2GRAY), (s, s))
+            texture[y : y + s, x : x + s] = cv2.resize(cv2.cvtColor(other, cv2.COLOR_BGR2GRAY), (s, s))
         z = rng.uniform(2, 4)
         lean = rng.uniform(-0.5, 0.5, 2)
         normal = np.array([lean[0], lean[1], -1]) / np.linalg.norm([lean[0], lean[1], 1])
         point = np.array([0, 0, z])
-        axis_u = np.cross([0, 1, 0], normal); axis_u /= np.linalg.norm(axis_u)
+        axis_u = np.cross([0, 1, 0], normal)
+        axis_u /= np.linalg.norm(axis_u)
         axis_v = np.cross(normal, axis_u)
         T = np.eye(4)
         T[:3, :3] = cv2.Rodrigues(rng.normal(0, 0.02, 3))[0]
-        T[:3, 3] = axis_u * period * rng.uniform(-1.2, 1.2) + axis_v * period * rng.uniform(-0.6, 0.6) + [0, 0, rng.uniform(-0.1, 0.1) * z]
+        T[:3, 3] = (
+            axis_u * period * rng.uniform(-1.2, 1.2)
+            + axis_v * period * rng.uniform(-0.6, 0.6)
+            + [0, 0, rng.uniform(-0.1, 0.1) * z]
+        )
 
         def view(T, scale=2):
             W, H = w * scale, h * scale
             v, u = np.mgrid[:H, :W]
-            ray = np.stack([((u + 0.5) / scale - 0.5 - K[2]) / K[0], ((v + 0.5) / scale - 0.5 - K[3]) / K[1], np.ones((H, W))], -1)
+            ray = np.stack(
+                [((u + 0.5) / scale - 0.5 - K[2]) / K[0], ((v + 0.5) / scale - 0.5 - K[3]) / K[1], np.ones((H, W))], -1
+            )
             C = -T[:3, :3].T @ T[:3, 3]
             d = ray @ T[:3, :3]
             with np.errstate(divide='ignore', invalid='ignore'):
                 s = ((point - C) @ normal) / (d @ normal)
             at = C + s[..., None] * d - point
             tu, tv = at @ axis_u / period * unit + n / 2, at @ axis_v / period * unit + n / 2
-            image = cv2.remap(texture, tu.astype(np.float32) % n, tv.astype(np.float32) % n, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+            image = cv2.remap(
+                texture, tu.astype(np.float32) % n, tv.astype(np.float32) % n, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP
+            )
             image = cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA) + rng.normal(0, 1.0, (h, w))
-            depth = np.where((s > 0) & (s < 50), s, 0)[scale // 2::scale, scale // 2::scale].astype(np.float32)
+            depth = np.where((s > 0) & (s < 50), s, 0)[scale // 2 :: scale, scale // 2 :: scale].astype(np.float32)
             return cv2.cvtColor(np.clip(image, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR), depth
 
         (image_0, depth), (image_1, _) = view(np.eye(4)), view(T)
         return Scene(image_0, image_1, depth, K, T, meta={'period_px': float(period / z * 420)})
+
     return make
 
 
 # ---- depth and camera that lie
 
+
 def lie(depth_of):
     def make(rng, scene, hard, other):
         depth = depth_of(rng, scene, hard).astype(np.float32)
-        return replace(scene, depth=np.where((scene.depth > 0) & np.isfinite(depth) & (depth > 0), depth, 0), true_depth=scene.depth)
+        return replace(
+            scene, depth=np.where((scene.depth > 0) & np.isfinite(depth) & (depth > 0), depth, 0), true_depth=scene.depth
+        )
+
     return make
 
 
@@ -313,10 +352,14 @@ def noisy(rng, scene, hard):
     return scene.depth * (1 + rng.normal(0, 0.05 if hard else 0.02, scene.depth.shape))
 
 
-constant = lie(lambda rng, s, hard: np.full_like(s.depth, np.median(s.depth[s.depth > 0]) * (rng.uniform(0.5, 2) if hard else 1)))
+constant = lie(
+    lambda rng, s, hard: np.full_like(s.depth, np.median(s.depth[s.depth > 0]) * (rng.uniform(0.5, 2) if hard else 1))
+)
 flipped = lie(lambda rng, s, hard: s.depth[:, ::-1])
 shifted = lie(lambda rng, s, hard: np.roll(s.depth, int(rng.integers(24, 96)) if hard else int(rng.integers(2, 8)), 1))
-saturated = lie(lambda rng, s, hard: np.where(s.depth > np.percentile(s.depth[s.depth > 0], 40 if hard else 75), 65.535, s.depth))
+saturated = lie(
+    lambda rng, s, hard: np.where(s.depth > np.percentile(s.depth[s.depth > 0], 40 if hard else 75), 65.535, s.depth)
+)
 unit = lie(lambda rng, s, hard: s.depth * rng.choice([0.001, 0.01, 0.3, 3, 100]))
 
 
@@ -347,11 +390,33 @@ def still_passer(rng, scene, hard, other):
     return mover(rng, still(rng, scene, hard, other), hard, other)
 
 
-KINDS = {'control': control, 'still': still, 'still_passer': still_passer, 'time_stamp': time_stamp, 'hud': hud, 'vehicle': vehicle, 'letterbox': letterbox,
-         'watermark': watermark, 'dirt': dirt, 'fixed_pattern': fixed_pattern, 'reflection': reflection, 'mover': mover,
-         'vignette': vignette, 'lamp': lamp, 'dark': dark, 'jpeg': jpeg, 'unrelated': unrelated, 'mirrored': mirrored,
-         'half_doubled': half_doubled, **{k: wall(k) for k in ('tiles', 'bricks', 'windows', 'railings', 'crops')},
-         'some_wrong': lie(some_wrong), 'noisy': lie(noisy), 'constant': constant, 'flipped': flipped, 'shifted': shifted,
-         'saturated': saturated}
+KINDS = {
+    'control': control,
+    'still': still,
+    'still_passer': still_passer,
+    'time_stamp': time_stamp,
+    'hud': hud,
+    'vehicle': vehicle,
+    'letterbox': letterbox,
+    'watermark': watermark,
+    'dirt': dirt,
+    'fixed_pattern': fixed_pattern,
+    'reflection': reflection,
+    'mover': mover,
+    'vignette': vignette,
+    'lamp': lamp,
+    'dark': dark,
+    'jpeg': jpeg,
+    'unrelated': unrelated,
+    'mirrored': mirrored,
+    'half_doubled': half_doubled,
+    **{k: wall(k) for k in ('tiles', 'bricks', 'windows', 'railings', 'crops')},
+    'some_wrong': lie(some_wrong),
+    'noisy': lie(noisy),
+    'constant': constant,
+    'flipped': flipped,
+    'shifted': shifted,
+    'saturated': saturated,
+}
 # Nothing in two images shows these, or the object is the scene.
 APART = {'large_mover': large_mover, 'inverse_off': lie(inverse_off), 'unit': unit, 'intrinsics': intrinsics, 'photo': photo}

@@ -14,7 +14,8 @@ inline size_t cores() {
 }
 
 /// Calls each(0) to each(n - 1), every one once, in up to `threads` threads of which this is one; 0: as many as this process
-/// may use cores; fewer where no more can be started. Rethrows what one of them throws when all have ended. Precondition: calls may run at once.
+/// may use cores; fewer where no more can be started. Rethrows what one of them throws when all have ended. Precondition: calls
+/// may run at once.
 template <class Each>
 void for_each_of(size_t n, int threads, const Each& each) {
   const size_t parts = std::min(n, threads > 0 ? static_cast<size_t>(threads) : cores());

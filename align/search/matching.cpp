@@ -153,8 +153,7 @@ PlaceDescriptors describe_places(const Map& map, const MatchLayout& layout) {
     const auto weight = static_cast<float>(std::pow(i * i + j * j, 0.25));
     Eigen::Map<Rows> to(out.row(n).data(), layout.places_y, layout.places_x);
     to.setZero();
-    for (int y = 0; y < kPatch; ++y)
-      to += weight * cosine(i, y) * along[static_cast<size_t>(j)].middleRows(y, layout.places_y);
+    for (int y = 0; y < kPatch; ++y) to += weight * cosine(i, y) * along[static_cast<size_t>(j)].middleRows(y, layout.places_y);
   }
   const Eigen::Array<float, 1, Eigen::Dynamic> size = out.colwise().squaredNorm();
   const auto textured = size >= ICLK_MATCH_LEAST * ICLK_MATCH_LEAST && size < 1e30f;  // false for NaN

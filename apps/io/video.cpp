@@ -31,7 +31,8 @@ Video::Video(const std::string& path) : path_(path) {
   open();
   const double width = capture_->get(cv::CAP_PROP_FRAME_WIDTH), height = capture_->get(cv::CAP_PROP_FRAME_HEIGHT);
   if (width * height > static_cast<double>(kMaxPixels))
-    throw Error(ErrorCode::invalid_argument, formatted("%s: frames of %.0fx%.0f pixels are too large", path.c_str(), width, height));
+    throw Error(ErrorCode::invalid_argument,
+                formatted("%s: frames of %.0fx%.0f pixels are too large", path.c_str(), width, height));
   const double promised = capture_->get(cv::CAP_PROP_FRAME_COUNT);
   while (capture_->grab()) {
     const double time = capture_->get(cv::CAP_PROP_POS_MSEC) / 1000;

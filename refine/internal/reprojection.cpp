@@ -218,7 +218,8 @@ double width_of(std::span<const Eigen::Vector2d> points) {
   for (const Eigen::Vector2d& p : points) mean += p / static_cast<double>(points.size());
   Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
   for (const Eigen::Vector2d& p : points) scatter += (p - mean) * (p - mean).transpose() / static_cast<double>(points.size());
-  return std::sqrt(std::max(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(scatter, Eigen::EigenvaluesOnly).eigenvalues()[0], 0.0));
+  return std::sqrt(
+      std::max(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(scatter, Eigen::EigenvaluesOnly).eigenvalues()[0], 0.0));
 }
 
 constexpr double kLeastWidth = 0.02;  // of the image's height: right poses have 0.07 and more, those of one edge 0.005 at most
@@ -251,8 +252,8 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
   }
   if (const double width = width_of(agree); !(width >= kLeastWidth * camera.height)) {
     result.status = Status::degenerate;
-    result.reason = std::to_string(result.inliers) + " features agree on the pose and lie on one line, " + std::to_string(width) +
-                    " px wide: each may slide along it";
+    result.reason = std::to_string(result.inliers) + " features agree on the pose and lie on one line, " +
+                    std::to_string(width) + " px wide: each may slide along it";
     return false;
   }
   result.status = ending.converged ? Status::converged : Status::max_iterations;

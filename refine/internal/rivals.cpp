@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <string>
 
 #include <iclk/align/search/matching.h>
 #include <iclk/refine/internal/reprojection.h>
@@ -12,16 +14,16 @@ namespace {
 using Eigen::Vector2d;
 
 constexpr int kNumbers = 4 * ICLK_MATCH_TEXELS;
-constexpr size_t kBest = 2, kNear = 6;  // places of a feature: the most alike, and of those as alike the nearest to its own
-constexpr int kApart = 4;             // pixels of the map between two places
-constexpr int kOwn = 3;               // about the place that the answer explains
-constexpr float kLeastScore = 0.5f;   // of a place
-constexpr float kWorse = 0.2f;        // than the best place: no longer a likeness
-constexpr float kClear = 0.8f;        // score of a place at which a feature is seen for certain,
+constexpr size_t kBest = 2, kNear = 6;   // places of a feature: the most alike, and of those as alike the nearest to its own
+constexpr int kApart = 4;                // pixels of the map between two places
+constexpr int kOwn = 3;                  // about the place that the answer explains
+constexpr float kLeastScore = 0.5f;      // of a place
+constexpr float kWorse = 0.2f;           // than the best place: no longer a likeness
+constexpr float kClear = 0.8f;           // score of a place at which a feature is seen for certain,
 constexpr float kClearlyBetter = 0.15f;  // and as much more than where the answer puts it
-constexpr int kSample = 32;           // features that are looked at first
-constexpr double kExplained = 0.85;   // share of features with texture that leaves little to another pose,
-constexpr double kAlike = 0.15;       // unless so many look like another place
+constexpr int kSample = 32;              // features that are looked at first
+constexpr double kExplained = 0.85;      // share of features with texture that leaves little to another pose,
+constexpr double kAlike = 0.15;          // unless so many look like another place
 constexpr int kHypotheses = 512;
 
 using Scores = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -40,7 +42,8 @@ MatchDescriptor describe_warped(const Map& map, const Vector2d& centre, const Ei
 }
 
 /// The best places, those about `own` left out.
-std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::RowVectorXf>& scores, const MatchLayout& layout, const Vector2d& own) {
+std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::RowVectorXf>& scores, const MatchLayout& layout,
+                                                  const Vector2d& own) {
   std::vector<std::pair<float, int>> cells;  // the best of each few pixels squared
   const float least = std::max(kLeastScore, scores.maxCoeff() - kWorse);
   for (int v0 = 0; v0 < layout.places_y; v0 += kApart)
@@ -113,8 +116,8 @@ MatchLayout layout_for(const Camera& camera) {
 }  // namespace
 
 Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
-                         std::span<const FeatureCheck> checks, const SE3& T_10, const std::vector<bool>& agree, double explained,
-                         int most) {
+                         std::span<const FeatureCheck> checks, const SE3& T_10, const std::vector<bool>& agree,
+                         double explained, int most) {
   Elsewhere out;
   const MatchLayout layout = layout_for(camera);
   if (!layout.enabled || reference.data.empty()) return out;
@@ -188,7 +191,8 @@ Contest compare(const Camera& camera, const Features& features, const RefinedAli
   return c;
 }
 
-std::vector<bool> still(const Camera& camera, const Features& features, const RefinedAlignment& answer, double inlier_distance) {
+std::vector<bool> still(const Camera& camera, const Features& features, const RefinedAlignment& answer,
+                        double inlier_distance) {
   constexpr double kStill = 0.1;  // px
   std::vector<bool> out(features.uv.size());
   if (answer.refined) {
@@ -202,6 +206,80 @@ std::vector<bool> still(const Camera& camera, const Features& features, const Re
     out[i] = warp.valid && (warp.uv1 - features.uv[i]).norm() < inlier_distance;
   }
   return out;
+}
+
+std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
+  std::vector<double> m;
+  for (size_t i = 0; i < view.checks.size(); ++i) {
+    if (view.checks[i] != FeatureCheck::ok) continue;
+    const PatchWarp wa = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], a);
+    const PatchWarp wb = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], b);
+    m.push_back(wa.valid && wb.valid ? (wb.uv1 - wa.uv1).norm() : std::numeric_limits<double>::infinity());
+  }
+  std::sort(m.begin(), m.end());
+  return m;
+}
+
+namespace {
+
+/// Whether one pose has so much for itself that the other explains only what repeats, or a small part that moves by itself.
+bool dominates(const View& view, const RefinerOptions& options, const RefinedAlignment& one, const RefinedAlignment& other) {
+  const Contest c = compare(view.camera, view.features, one, other, options.pose.inlier_distance);
+  return c.first >= std::max<double>(options.min_inliers, 0.1 * one.inliers) && c.second <= options.max_rival_share * c.first;
+}
+
+}  // namespace
+
+void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
+  RefinedAlignment* best = &answer;
+  for (RefinedAlignment& rival : rivals)
+    if (rival.converged() && dominates(view, options, rival, *best)) best = &rival;
+  std::vector<Rival> others;
+  const auto consider = [&](const RefinedAlignment& other) {
+    if (&other == best || other.inliers < options.min_inliers) return;
+    const std::vector<double> apart = motions(view, best->T_10, other.T_10);
+    if (!(apart[apart.size() / 2] > options.pose.inlier_distance) || dominates(view, options, *best, other)) return;
+    others.push_back({other.T_10, other.inliers});
+  };
+  consider(answer);
+  for (const RefinedAlignment& rival : rivals) consider(rival);
+  if (best != &answer) {
+    best->iclk = std::move(answer.iclk);
+    answer = std::move(*best);
+  }
+  if (others.empty()) return;
+  std::sort(others.begin(), others.end(), [](const Rival& a, const Rival& b) { return a.inliers > b.inliers; });
+  answer.rivals = std::move(others);
+  answer.status = Status::ambiguous;
+  answer.covariance.setZero();
+  answer.reason = std::to_string(answer.rivals.front().inliers) +
+                  " features agree on another pose, which explains the images as "
+                  "well: " +
+                  answer.reason;
+}
+
+void prefer_confirmed(std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
+  RefinedAlignment* best = nullptr;
+  for (RefinedAlignment& rival : rivals)
+    if (rival.converged() && (!best || rival.inliers > best->inliers)) best = &rival;
+  if (!best) return;
+  best->iclk = std::move(answer.iclk);
+  answer = std::move(*best);
+}
+
+void doubt_stillness(const View& view, const RefinerOptions& options, int seen, RefinedAlignment& answer) {
+  const auto count = static_cast<int>(view.checks.size());
+  std::vector<bool> fixed = still(view.camera, view.features, answer, options.pose.inlier_distance);
+  const auto standing = static_cast<int>(std::count(fixed.begin(), fixed.end(), true));
+  const int inliers = answer.refined ? answer.inliers : count;
+  if (standing < options.min_inliers || standing < 0.25 * inliers || seen < std::max(3.0, 0.02 * inliers)) return;
+  answer.fixed = std::move(fixed);
+  answer.status = Status::ambiguous;
+  answer.covariance.setZero();
+  answer.reason = std::to_string(standing) + " features of " + std::to_string(inliers) +
+                  " stand still and may be fixed to the "
+                  "camera, while " +
+                  std::to_string(seen) + " are seen elsewhere; " + answer.reason;
 }
 
 }  // namespace iclk::internal

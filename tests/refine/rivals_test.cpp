@@ -161,8 +161,9 @@ TEST(Rivals, WhatMovesByItselfIsNotTheScene) {
   for (const double half : {0.8, 1.1}) {  // m: 18 and 34 % of the view
     const auto both = [&](const SE3& T_scene, const SE3& T_thing, uint32_t seed) {
       Frame image = render(wall, T_scene, seed);
-      const Frame front = render(moving, T_thing, seed + 10), mask = render(
-          [&](double x, double y) { return std::abs(x) < 1.3 * half && std::abs(y) < half ? 1.0 : 0.0; }, T_thing, 0);
+      const Frame front = render(moving, T_thing, seed + 10),
+                  mask = render([&](double x, double y) { return std::abs(x) < 1.3 * half && std::abs(y) < half ? 1.0 : 0.0; },
+                                T_thing, 0);
       for (size_t i = 0; i < image.data.size(); ++i)
         if (mask.data[i] > 0.5f) image.data[i] = front.data[i];
       return image;
