@@ -4,14 +4,24 @@
 namespace iclk::test {
 namespace {
 
-TEST(Tracker, AMaskHidesWhatRidesAlong) {
-  ICLK_NEED_DEVICE();
+TrackerOptions with_masks() {
   TrackerOptions options = options_for();
   options.masks = true;
-  Tracking t(options);
-  // The lower third of every image shows the own vehicle: the first frame's pixels, standing still, with no depth.
+  return options;
+}
+
+/// Hides the lower third of an image.
+std::vector<uint8_t> vehicle_mask() {
   std::vector<uint8_t> mask(320 * 240, 255);
   std::fill(mask.begin() + 320 * 160, mask.end(), uint8_t{0});
+  return mask;
+}
+
+TEST(Tracker, AMaskHidesWhatRidesAlong) {
+  ICLK_NEED_DEVICE();
+  Tracking t(with_masks());
+  // The lower third of every image shows the own vehicle: the first frame's pixels, standing still, with no depth.
+  std::vector<uint8_t> mask = vehicle_mask();
   for (int i = 0; i < 6; ++i) {
     View view = Flight::get().views[static_cast<size_t>(i)];
     const View& first = Flight::get().views[0];
@@ -26,12 +36,9 @@ TEST(Tracker, AMaskHidesWhatRidesAlong) {
 
 TEST(Tracker, NoFeatureOfAKeyframeIsUnderItsMask) {
   ICLK_NEED_DEVICE();
-  TrackerOptions options = options_for();
-  options.masks = true;
-  Tracking t(options);
+  Tracking t(with_masks());
   // The lower third shows the own vehicle, to which the sensor gives a depth as well.
-  std::vector<uint8_t> mask(320 * 240, 255);
-  std::fill(mask.begin() + 320 * 160, mask.end(), uint8_t{0});
+  std::vector<uint8_t> mask = vehicle_mask();
   for (int i = 0; i < 10; ++i) {
     TrackFrame frame = Flight::get().frame(i);
     frame.mask = {mask.data(), 320, 240, 0, PixelFormat::r8};
