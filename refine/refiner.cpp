@@ -321,7 +321,7 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
   run_rounds(pairs, rivals);
   for (Candidate& rival : rivals) {
     conclude(pairs[rival.pair], rival);
-    rival.result->T_10 = rival.pose.T_10;
+    if (!rival.result->refined) rival.result->T_10 = rival.pose.T_10;  // weighed all the same
   }
   for (size_t k = 0; k < answers.size(); ++k) {
     RefinedAlignment& answer = *answers[k].result;

@@ -228,6 +228,13 @@ bool dominates(const View& view, const RefinerOptions& options, const RefinedAli
   return c.first >= std::max<double>(options.min_inliers, 0.1 * one.inliers) && c.second <= options.max_rival_share * c.first;
 }
 
+/// What ICLK did stays the answer's.
+void take(RefinedAlignment& rival, RefinedAlignment& answer) {
+  rival.iclk = std::move(answer.iclk);
+  rival.stages.insert(rival.stages.begin(), answer.stages.front());
+  answer = std::move(rival);
+}
+
 }  // namespace
 
 void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
@@ -244,8 +251,7 @@ void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAli
   consider(answer);
   for (const RefinedAlignment& rival : rivals) consider(rival);
   if (best != &answer) {
-    best->iclk = std::move(answer.iclk);
-    answer = std::move(*best);
+    take(*best, answer);
   }
   if (others.empty()) return;
   std::sort(others.begin(), others.end(), [](const Rival& a, const Rival& b) { return a.inliers > b.inliers; });
@@ -263,8 +269,7 @@ void prefer_confirmed(std::span<RefinedAlignment> rivals, RefinedAlignment& answ
   for (RefinedAlignment& rival : rivals)
     if (rival.converged() && (!best || rival.inliers > best->inliers)) best = &rival;
   if (!best) return;
-  best->iclk = std::move(answer.iclk);
-  answer = std::move(*best);
+  take(*best, answer);
 }
 
 void doubt_stillness(const View& view, const RefinerOptions& options, int seen, RefinedAlignment& answer) {
