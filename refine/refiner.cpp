@@ -6,6 +6,7 @@
 
 #include <iclk/align/common/each.h>
 #include <iclk/align/common/options_check.h>
+#include <iclk/refine/internal/plane.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/rivals.h>
 #include <iclk/refine/internal/uncertainty.h>
@@ -78,7 +79,9 @@ Matrix6d unbend(const View& view, const PoseOptions& options, RefinedAlignment& 
   if (!found->proven(view.camera)) return found->doubt(pose.T_10);
   r.turn = found->turn;
   PoseResult better = refine_pose(view.camera, view.features, straight(view, r), found->T_10, options);
-  if (!usable(better.status) || better.inliers < pose.inliers) {
+  // Wrong depths bend a target too. Then one plane, of fewer parameters, explains as much.
+  if (!usable(better.status) || better.inliers < pose.inliers ||
+      better.inliers <= internal::plane_inliers(view.features, r.features, options.inlier_distance)) {
     r.turn.reset();
     return found->doubt(pose.T_10);
   }
@@ -104,6 +107,18 @@ Shown shown(const View& view, std::span<const AlignedFeature> features, const SE
   return s;
 }
 
+/// Where residuals are larger than positions are ever off by, and one plane explains as many features as the depths do, the
+/// depths say nothing: they are another frame's, mirrored, constant.
+void doubt_depths(const View& view, const PoseOptions& options, RefinedAlignment& r) {
+  constexpr double kFits = 0.8;  // share of the aligned features
+  if (!(r.sigma > options.max_sigma) || r.inliers >= kFits * r.aligned) return;
+  const int flat = internal::plane_inliers(view.features, r.features, options.inlier_distance);
+  if (flat < r.inliers) return;
+  r.status = Status::diverged;
+  r.reason = "the depths do not fit the images: one plane explains " + std::to_string(flat) + " features, they explain " +
+             std::to_string(r.inliers) + "; " + r.reason;
+}
+
 /// The verdict over the whole way; `pose` is the last round's. False if features speak against the pose that ICLK found.
 bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, bool guessed, RefinedAlignment& r) {
   internal::Evidence e;
@@ -126,7 +141,9 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   r.sigma = e.sigma;
   r.status = verdict.status;
   r.reason = std::move(verdict.reason);
-  return verdict.compatible;
+  if (!usable(r.status)) return verdict.compatible;
+  doubt_depths(view, options.pose, r);
+  return usable(r.status);
 }
 
 internal::Elsewhere look(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,

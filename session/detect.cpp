@@ -6,6 +6,7 @@
 #include <random>
 
 #include <iclk/engine/error.h>
+#include <iclk/refine/feature_alignment.h>
 #include <iclk/session/internal/corners.h>
 #include <iclk/session/internal/grey.h>
 #include <iclk/session/io/text.h>
@@ -15,7 +16,8 @@ namespace iclk {
 namespace {
 
 constexpr float kMaxDepthSpread =
-    0.05f;  // of the patch's depth; a floor seen at 70 degrees spreads by 4 % over 8 px at f = 500
+    0.05f;                       // of the patch's depth; a floor seen at 70 degrees spreads by 4 % over 8 px at f = 500
+constexpr float kResponse = 4;   // corner_response() of a texture of 1
 constexpr int kMinDistance = 8;  // px: a patch; less in images of fewer than 64 px
 
 struct Pixel {
@@ -200,8 +202,13 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
   };
   const std::vector<Box> buckets = cells(w, h, options.count, options.border);
   std::vector<Pixel> taken;
-  // One a bucket and round, strong or weak, so that no part of the view has more than its share; depth edges come last.
-  for (const bool edges : {false, true}) {
+  // One a bucket and round, so that no part of the view has more than its share; depth edges come last.
+  // Before them come corners with too little texture for feature alignment.
+  const struct {
+    float threshold;
+    bool edges;
+  } tiers[] = {{kResponse * static_cast<float>(FeatureAlignmentOptions{}.min_texture), false}, {0, false}, {0, true}};
+  for (const auto& [threshold, edges] : tiers) {
     if (std::ssize(taken) == options.count) break;
     if (edges)
       for (float& x : strength.data) x = std::abs(x);
@@ -211,7 +218,7 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
       std::vector<Box> still;  // a bucket without a corner gets none any more
       for (const Box& bucket : live) {
         const Corner corner = strongest(strength, bucket);
-        if (!(corner.strength > 0)) continue;
+        if (!(corner.strength > threshold)) continue;
         round.push_back(corner);
         still.push_back(bucket);
       }

@@ -21,6 +21,7 @@ constexpr float kLeastScore = 0.5f;      // of a place
 constexpr float kWorse = 0.2f;           // than the best place: no longer a likeness
 constexpr float kClear = 0.8f;           // score of a place at which a feature is seen for certain,
 constexpr float kClearlyBetter = 0.15f;  // and as much more than where the answer puts it
+constexpr float kBetter = 0.05f;         // the same of a feature that may have gone there
 constexpr int kSample = 32;              // features that are looked at first
 constexpr double kExplained = 0.85;      // share of features with texture that leaves little to another pose,
 constexpr double kAlike = 0.15;          // unless so many look like another place
@@ -105,6 +106,28 @@ std::vector<Sought> seek(const Map& map0, const Camera& camera, const Features& 
   return out;
 }
 
+struct Candidates {
+  std::vector<Correspondence> alike;  // places as alike as the best
+  std::vector<Correspondence> moved;  // the best places of features that do not agree with the answer
+};
+
+/// Poses on which places `from` agree; places that one explains are left out for the next.
+void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& camera, double mean_q, const MatchLayout& layout,
+             int most, std::vector<SE3>& poses) {
+  std::stable_sort(from.begin(), from.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
+  for (int k = 0; k < most; ++k) {
+    const std::optional<SE3> T = pose_of(from, camera, mean_q, layout, kHypotheses, 0);
+    if (!T) return;
+    poses.push_back(*T);
+    const auto explained = [&](const Correspondence& c) {
+      const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
+      return X.z() > 0 && (camera.project(X) - c.pixel).norm() < 2 * ICLK_MATCH_TOLERANCE * layout.scale;
+    };
+    std::erase_if(all.moved, explained);
+    std::erase_if(all.alike, explained);
+  }
+}
+
 MatchLayout layout_for(const Camera& camera) {
   AlignerOptions options;
   options.search.enabled = options.search.matching = true;
@@ -127,7 +150,7 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
   const PlaceDescriptors places = describe_places(map1, layout);
   const double mean_q = unit_of(features);
   const std::vector<Sought> sought = seek(map0, camera, features, checks, T_10, layout);
-  std::vector<Correspondence> elsewhere;
+  Candidates candidates;
   int alike = 0;
   for (size_t first = 0; first < sought.size(); first += kSample) {
     if (first > 0 && explained >= kExplained && alike < kAlike * static_cast<double>(first)) return out;
@@ -143,21 +166,15 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
       alike += found.front().first > here - kWorse;
       out.seen += !agree[s.feature] && found.front().first > kClear && found.front().first > here + kClearlyBetter;
       const Eigen::Vector3d point = camera.ray(features.uv[s.feature]) * (mean_q / features.inverse_depth[s.feature]);
-      for (const auto& [score, at] : found) elsewhere.push_back({point, (at.array() + 0.5) * layout.scale - 0.5, score});
+      const auto pixel = [&](const Vector2d& at) -> Vector2d { return (at.array() + 0.5) * layout.scale - 0.5; };
+      for (const auto& [score, at] : found) candidates.alike.push_back({point, pixel(at), score});
+      const float next = found.size() > 1 ? found[1].first : kLeastScore;
+      if (!agree[s.feature] && found.front().first > here + kBetter)
+        candidates.moved.push_back({point, pixel(found.front().second), found.front().first - next});
     }
   }
-  std::stable_sort(elsewhere.begin(), elsewhere.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
-  while (std::ssize(out.poses) < most) {
-    const std::optional<SE3> T = pose_of(elsewhere, camera, mean_q, layout, kHypotheses, 0);
-    if (!T) break;
-    out.poses.push_back(*T);
-    const size_t before = elsewhere.size();
-    std::erase_if(elsewhere, [&](const Correspondence& c) {
-      const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
-      return X.z() > 0 && (camera.project(X) - c.pixel).norm() < 2 * ICLK_MATCH_TOLERANCE * layout.scale;
-    });
-    if (elsewhere.size() == before) break;
-  }
+  propose(candidates.moved, candidates, camera, mean_q, layout, most / 2, out.poses);
+  propose(candidates.alike, candidates, camera, mean_q, layout, most - static_cast<int>(out.poses.size()), out.poses);
   return out;
 }
 
@@ -172,6 +189,21 @@ std::vector<bool> inliers(const Camera& camera, const Features& features, std::s
   return agree;
 }
 
+namespace {
+
+/// px: geometric mean of the standard deviations along both main directions.
+double reach(const std::vector<Vector2d>& points) {
+  if (points.size() < 3) return 0;
+  const auto n = static_cast<double>(points.size());
+  Vector2d mean = Vector2d::Zero();
+  for (const Vector2d& p : points) mean += p / n;
+  Eigen::Matrix2d scatter = Eigen::Matrix2d::Zero();
+  for (const Vector2d& p : points) scatter += (p - mean) * (p - mean).transpose() / n;
+  return std::pow(scatter.determinant(), 0.25);
+}
+
+}  // namespace
+
 Contest compare(const Camera& camera, const Features& features, const RefinedAlignment& first, const RefinedAlignment& second,
                 double inlier_distance) {
   const auto a = inliers(camera, features, first.features, first.T_10, inlier_distance);
@@ -182,13 +214,13 @@ Contest compare(const Camera& camera, const Features& features, const RefinedAli
   const auto shows = [](const AlignedFeature& f) {
     return f.status != FeatureStatus::out_of_image && f.status != FeatureStatus::hidden;
   };
-  Contest c;
+  std::vector<Vector2d> firsts, seconds;
   for (size_t i = 0; i < a.size(); ++i) {
     const AlignedFeature &in_first = first.features[i], &in_second = second.features[i];
-    c.first += a[i] && shows(in_second) && !(b[i] && !better(in_first, in_second));
-    c.second += b[i] && shows(in_first) && !(a[i] && !better(in_second, in_first));
+    if (a[i] && shows(in_second) && !(b[i] && !better(in_first, in_second))) firsts.push_back(features.uv[i]);
+    if (b[i] && shows(in_first) && !(a[i] && !better(in_second, in_first))) seconds.push_back(features.uv[i]);
   }
-  return c;
+  return {static_cast<int>(firsts.size()), static_cast<int>(seconds.size()), reach(firsts), reach(seconds)};
 }
 
 std::vector<bool> still(const Camera& camera, const Features& features, const RefinedAlignment& answer,
@@ -223,9 +255,11 @@ std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
 namespace {
 
 /// Whether one pose has so much for itself that the other explains only what repeats, or a small part that moves by itself.
+/// The farther features lie apart, the more they say: the scene surrounds what moves in it.
 bool dominates(const View& view, const RefinerOptions& options, const RefinedAlignment& one, const RefinedAlignment& other) {
   const Contest c = compare(view.camera, view.features, one, other, options.pose.inlier_distance);
-  return c.first >= std::max<double>(options.min_inliers, 0.1 * one.inliers) && c.second <= options.max_rival_share * c.first;
+  return c.first >= std::max<double>(options.min_inliers, 0.1 * one.inliers) &&
+         c.second * c.second_reach <= options.max_rival_share * c.first * c.first_reach;
 }
 
 /// What ICLK did stays the answer's.

@@ -39,6 +39,7 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
 /// What two poses of one pair have for themselves: inliers that the other pose shows too, and does not explain as well.
 struct Contest {
   int first = 0, second = 0;
+  double first_reach = 0, second_reach = 0;  ///< px: how far these lie apart
 };
 Contest compare(const Camera& camera, const Features& features, const RefinedAlignment& first, const RefinedAlignment& second,
                 double inlier_distance);
