@@ -362,6 +362,10 @@ DeviceMaps DeviceParts::maps(const DeviceAligner& aligner) {
           m.layout.pixel_words,     shader_format(m.plan.format)};
 }
 
+const DeviceMatching& DeviceParts::matching(const DeviceAligner& aligner) { return aligner.impl_->matching; }
+
+const engine::Workspace& DeviceParts::memory(const DeviceAligner& aligner) { return aligner.impl_->memory; }
+
 uint32_t DeviceParts::chosen_features(const DeviceAligner& aligner, int slot) {
   return aligner.impl_->slots.at(static_cast<size_t>(slot)).chosen;
 }

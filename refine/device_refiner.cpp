@@ -7,7 +7,9 @@
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/device_features.h>
 #include <iclk/refine/internal/device_pose.h>
+#include <iclk/refine/internal/device_rivals.h>
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/refine/internal/rivals.h>
 #include <iclk/refine/internal/verdict.h>
 
 namespace iclk {
@@ -23,8 +25,25 @@ SE3 unpack_pose(const float* m) {
   return T;
 }
 
+/// What speaks against a pose, as weigh() and doubt_stillness() of refine/internal/rivals.h say it.
+void doubt(const shaders::RefinedInfo& info, const Features& features, const Camera& camera, const RefinerOptions& options,
+           RefinedAlignment& r) {
+  for (uint32_t k = 0; k < info.rival_count; ++k)
+    r.rivals.push_back({unpack_pose(info.rivals + 12 * k), static_cast<int>(info.rival_inliers[k])});
+  if (!r.rivals.empty()) {
+    r.reason = std::to_string(r.rivals.front().inliers) +
+               " features agree on another pose, which explains the images as well: " + r.reason;
+    return;
+  }
+  r.fixed = internal::still(camera, features, r, options.pose.inlier_distance);
+  r.reason = std::to_string(info.standing) + " features of " + std::to_string(r.refined ? r.inliers : features.size()) +
+             " stand still and may be fixed to the camera, while " + std::to_string(info.seen) + " are seen elsewhere; " +
+             r.reason;
+}
+
 RefinedAlignment unpack(const shaders::RefinedInfo& info, const shaders::AlignedInfo* found, Alignment iclk,
-                        const std::vector<double>& inverse_depth, const RefinerOptions& options) {
+                        const Features& features, const Camera& camera, bool search, const RefinerOptions& options) {
+  const std::vector<double>& inverse_depth = features.inverse_depth;
   RefinedAlignment r;
   r.T_10 = iclk.T_10;
   r.status = iclk.status;
@@ -40,10 +59,12 @@ RefinedAlignment unpack(const shaders::RefinedInfo& info, const shaders::Aligned
   e.aligned = static_cast<int>(info.aligned);
   e.inliers = static_cast<int>(info.inliers);
   e.rounds = static_cast<int>(info.rounds);
+  e.guessed = !search;
   e.sigma = info.sigma;
   e.correction = info.correction;
   e.pose_status = static_cast<Status>(info.pose_status);
   e.pose_reason = internal::inliers_text(e.inliers, static_cast<int>(info.used), options.pose);
+  if (e.pose_status == Status::degenerate) e.pose_reason += ": they do not determine the pose, or lie on one line";
   r.reason = internal::judge(e, r.features, {}, options).reason;
   r.status = static_cast<Status>(info.status);
   r.refined = info.refined != 0;
@@ -56,24 +77,41 @@ RefinedAlignment unpack(const shaders::RefinedInfo& info, const shaders::Aligned
   if (r.refined) {
     r.T_10 = unpack_pose(info.pose);
     if (const Eigen::Vector3f turn(info.turn[0], info.turn[1], info.turn[2]); !turn.isZero(0)) r.turn = turn.cast<double>();
-  } else if (usable(r.status)) {  // ICLK's own stands
+  } else if (usable(r.status) || r.status == Status::ambiguous) {  // ICLK's own stands
     r.reason = r.iclk.reason + "; not refined: " + r.reason;
     r.features.clear();  // what was found is not where the pose puts it
   }
   r.stages.push_back({"pose", r.T_10, 0, 0});
+  if (r.status == Status::ambiguous) doubt(info, features, camera, options, r);
   return r;
 }
 
 class DeviceRecording : public DeviceRefiner::Recording {
  public:
-  DeviceRecording(DeviceAligner& aligner, const RefinerOptions& options, int max_pairs, const engine::ArenaSize& arena_size)
+  DeviceRecording(DeviceAligner& aligner, const RefinerOptions& options, int max_pairs, const engine::ArenaSize& arena_size,
+                  const internal::DeviceRivals* matching)
       : aligned(aligner.make_recording(max_pairs)),
         options(options),
         max_features(static_cast<size_t>(aligner.plan().max_features)),
         max_pairs(max_pairs),
         ids(max_pairs, aligner.plan().max_features, aligner.context()->unified_memory()),
         memory(aligner.context(), ids.plan),
-        arena(aligner.context(), arena_size) {}
+        arena(aligner.context(), arena_size) {
+    if (!matching) return;
+    rivals.emplace(aligner, max_pairs, matching->layout());
+  }
+
+  /// Of the poses that rival answers.
+  struct Rivals {
+    Rivals(const DeviceAligner& aligner, int max_pairs, const internal::MatchLayout& layout)
+        : found_ids(max_pairs, layout),
+          ids(ICLK_RIVALS * max_pairs, aligner.plan().max_features, true),
+          found(aligner.context(), found_ids.plan),
+          memory(aligner.context(), ids.plan) {}
+    internal::RivalBuffers found_ids;
+    internal::PoseBuffers ids;
+    engine::Workspace found, memory;
+  };
 
   const engine::Buffer& results() const override { return memory[ids.refined]; }
   const engine::Buffer& features() const override { return memory[ids.aligned]; }
@@ -88,7 +126,7 @@ class DeviceRecording : public DeviceRefiner::Recording {
     std::vector<RefinedAlignment> results;
     for (size_t i = 0; i < iclk.size(); ++i)
       results.push_back(unpack(info[i], found + i * max_features, std::move(iclk[i]),
-                               chosen[i] ? kept[i].inverse_depth : inverse_depths[i], options));
+                               chosen[i] ? kept[i] : given[i], cameras[i], searched[i], options));
     return results;
   }
 
@@ -99,8 +137,11 @@ class DeviceRecording : public DeviceRefiner::Recording {
   internal::PoseBuffers ids;
   engine::Workspace memory;
   engine::DescriptorArena arena;
-  std::vector<std::vector<double>> inverse_depths;  // of each pair's reference when it was recorded
-  std::vector<bool> chosen;                         // by the device: these are not known before it has run
+  std::optional<Rivals> rivals;  // where the aligner matches
+  std::vector<Features> given;   // of each pair's reference when it was recorded
+  std::vector<Camera> cameras;
+  std::vector<bool> chosen;  // by the device: features are not known before it has run
+  std::vector<bool> searched;
 };
 
 }  // namespace
@@ -115,6 +156,11 @@ struct DeviceRefiner::Impl {
     arena_size.add(feature_alignment);
     pose.add_to(arena_size);
     grey->add_to(arena_size);
+    if (!internal::DeviceParts::matching(aligner)) return;
+    rivals = std::make_unique<internal::DeviceRivals>(aligner, options);
+    rivals->add_to(arena_size);
+    arena_size.add(feature_alignment);
+    pose.add_to(arena_size);
   }
 
   static const RefinerOptions& checked(const DeviceAligner& aligner, const RefinerOptions& options) {
@@ -129,17 +175,25 @@ struct DeviceRefiner::Impl {
   }
 
   /// What the host says of pair `index`: its features, in their place, and where they begin.
-  void pack(DeviceRecording& r, const DevicePair& pair, uint32_t index) const {
+  void pack(DeviceRecording& r, const DevicePair& pair, uint32_t index, uint32_t pairs) const {
     const Features& list = aligner.features(pair.reference);
-    const std::vector<FeatureCheck>& checks = aligner.checks(pair.reference);
-    const uint32_t first = index * static_cast<uint32_t>(r.max_features), count = feature_count(pair);
     const bool chosen = internal::DeviceParts::chosen_features(aligner, pair.reference) > 0;
-    auto* to = r.memory[r.ids.features].as<shaders::FeatureInfo>() + first;
-    for (size_t i = 0; i < checks.size(); ++i) to[i] = internal::pack_feature(list, i, checks[i] == FeatureCheck::ok);
-    r.memory[r.ids.pairs].as<shaders::RefinePair>()[index] = {static_cast<uint32_t>(pair.reference), index, first, count,
-                                                              chosen ? 0.0f : static_cast<float>(internal::unit_of(list))};
-    r.inverse_depths.push_back(list.inverse_depth);
+    const float unit = chosen ? 0.0f : static_cast<float>(internal::unit_of(list));
+    const bool asks = rivals && pair.search && !pair.prior;  // a guess decides
+    const auto write = [&](const internal::PoseBuffers& ids, const engine::Workspace& memory, uint32_t at) {
+      const uint32_t first = at * static_cast<uint32_t>(r.max_features);
+      const std::vector<FeatureCheck>& checks = aligner.checks(pair.reference);
+      auto* to = memory[ids.features].as<shaders::FeatureInfo>() + first;
+      for (size_t i = 0; i < checks.size(); ++i) to[i] = internal::pack_feature(list, i, checks[i] == FeatureCheck::ok);
+      memory[ids.pairs].as<shaders::RefinePair>()[at] = {
+          static_cast<uint32_t>(pair.reference), index, first, feature_count(pair), unit, pair.search, asks};
+    };
+    write(r.ids, r.memory, index);
+    for (uint32_t k = 0; r.rivals && k < ICLK_RIVALS; ++k) write(r.rivals->ids, r.rivals->memory, k * pairs + index);
+    r.given.push_back(list);
+    r.cameras.push_back(aligner.camera(pair.reference));
     r.chosen.push_back(chosen);
+    r.searched.push_back(pair.search);
   }
 
   uint32_t feature_count(const DevicePair& pair) const {
@@ -147,11 +201,28 @@ struct DeviceRefiner::Impl {
     return chosen > 0 ? chosen : static_cast<uint32_t>(aligner.checks(pair.reference).size());
   }
 
+  /// The rounds that begin at `starts` (shaders::ResultInfo).
+  void refine(engine::Recorder& recorder, const internal::DeviceMaps& maps, const internal::PoseBuffers& ids,
+              const engine::Workspace& memory, const engine::Buffer& starts, uint32_t pairs, uint32_t features) const {
+    const auto push = internal::feature_alignment_push(options.feature_alignment, maps);
+    pose.start(recorder, ids, memory, starts, pairs);
+    for (int round = 0; round < options.rounds; ++round) {
+      recorder.stage("feature_alignment");
+      recorder.dispatch(feature_alignment,
+                        {maps.levels, maps.references, &memory[ids.tasks], &memory[ids.features], maps.fine0, maps.fine1,
+                         maps.maps0, maps.maps1, &memory[ids.aligned]},
+                        push, {features, pairs, 1});
+      pose.round(recorder, ids, memory, *maps.references, pairs);
+    }
+    pose.unbend(recorder, ids, memory, *maps.references, pairs);
+  }
+
   DeviceAligner& aligner;
   RefinerOptions options;
   engine::Kernel feature_alignment;
   internal::DevicePose pose;
   std::unique_ptr<internal::GreyMaps> grey;
+  std::unique_ptr<internal::DeviceRivals> rivals;  // where the aligner matches
   engine::ArenaSize arena_size;
 };
 
@@ -161,8 +232,26 @@ DeviceRefiner::DeviceRefiner(DeviceAligner& aligner, const RefinerOptions& optio
 DeviceRefiner::~DeviceRefiner() = default;
 
 std::unique_ptr<DeviceRefiner::Recording> DeviceRefiner::make_recording(int max_pairs) {
-  return std::make_unique<DeviceRecording>(impl_->aligner, impl_->options, max_pairs, impl_->arena_size);
+  return std::make_unique<DeviceRecording>(impl_->aligner, impl_->options, max_pairs, impl_->arena_size,
+                                           impl_->rivals.get());
 }
+
+namespace {
+
+/// What Impl::pack() has written of poses of `pairs` pairs, and features that the device has chosen.
+void upload_pairs(engine::Recorder& recorder, const DeviceRecording& r, const internal::PoseBuffers& ids,
+                  const engine::Workspace& memory, uint32_t pairs, uint32_t poses) {
+  const VkDeviceSize bytes = sizeof(shaders::FeatureInfo) * r.max_features;
+  recorder.upload(memory[ids.pairs], 0, sizeof(shaders::RefinePair) * poses);
+  recorder.upload(memory[ids.features], 0, bytes * poses);
+  for (uint32_t k = 0; k < poses; ++k) {
+    if (!r.chosen[k % pairs]) continue;
+    const VkBufferCopy region{bytes * (k % pairs), bytes * k, bytes};
+    recorder.copy(r.aligned->features(), memory[ids.features], std::span(&region, 1));
+  }
+}
+
+}  // namespace
 
 void DeviceRefiner::record(Recording& base, VkCommandBuffer commands, std::span<const DeviceReference> references,
                            std::span<const DevicePair> pairs) {
@@ -172,42 +261,34 @@ void DeviceRefiner::record(Recording& base, VkCommandBuffer commands, std::span<
   m.aligner.record(*r->aligned, commands, references, pairs);
 
   r->arena.reset();
-  r->inverse_depths.clear();
+  r->given.clear();
+  r->cameras.clear();
   r->chosen.clear();
+  r->searched.clear();
   const auto n = static_cast<uint32_t>(pairs.size());
   std::vector<int> slots;
   std::vector<internal::GreyTarget> targets;
   uint32_t features = 0;
   for (uint32_t i = 0; i < n; ++i) {
-    m.pack(*r, pairs[i], i);
+    m.pack(*r, pairs[i], i, n);
     slots.push_back(pairs[i].reference);
     targets.push_back({static_cast<int>(i)});
     features = std::max(features, m.feature_count(pairs[i]));
   }
   const auto at = [&](engine::BufferId id) -> const engine::Buffer* { return &r->memory[id]; };
   engine::Recorder recorder(*m.aligner.context(), commands, r->arena);
-  recorder.upload(*at(r->ids.pairs), 0, sizeof(shaders::RefinePair) * n);
-  recorder.upload(*at(r->ids.features), 0, sizeof(shaders::FeatureInfo) * n * r->max_features);
-  for (uint32_t i = 0; i < n; ++i) {
-    if (!r->chosen[i]) continue;
-    const VkDeviceSize bytes = sizeof(shaders::FeatureInfo) * r->max_features;
-    const VkBufferCopy region{bytes * i, bytes * i, bytes};
-    recorder.copy(r->aligned->features(), *at(r->ids.features), std::span(&region, 1));
-  }
+  upload_pairs(recorder, *r, r->ids, r->memory, n, n);
+  if (r->rivals) upload_pairs(recorder, *r, r->rivals->ids, r->rivals->memory, n, ICLK_RIVALS * n);
   const internal::DeviceMaps maps = m.grey->record(recorder, slots, targets);
-  const auto push = internal::feature_alignment_push(m.options.feature_alignment, maps);
-  const engine::Buffer& iclk = r->aligned->results();
-  m.pose.start(recorder, r->ids, r->memory, iclk, n);
-  for (int round = 0; round < m.options.rounds; ++round) {
-    recorder.stage("feature_alignment");
-    recorder.dispatch(m.feature_alignment,
-                      {maps.levels, maps.references, at(r->ids.tasks), at(r->ids.features), maps.fine0, maps.fine1, maps.maps0,
-                       maps.maps1, at(r->ids.aligned)},
-                      push, {features, n, 1});
-    m.pose.round(recorder, r->ids, r->memory, *maps.references, n);
-  }
-  m.pose.unbend(recorder, r->ids, r->memory, *maps.references, n);
+  m.refine(recorder, maps, r->ids, r->memory, r->aligned->results(), n, features);
   m.pose.verdict(recorder, r->ids, r->memory, *maps.references, n);
+  if (r->rivals) {
+    const auto& [found_ids, ids, found, memory] = *r->rivals;
+    m.rivals->find(recorder, found_ids, found, r->ids, r->memory, *maps.references, n);
+    m.refine(recorder, maps, ids, memory, found[found_ids.results], ICLK_RIVALS * n, features);
+    m.pose.verdict(recorder, ids, memory, *maps.references, ICLK_RIVALS * n, true);
+    m.rivals->weigh(recorder, found_ids, found, r->ids, r->memory, ids, memory, *maps.references, n);
+  }
   if (r->ids.refined_read) {
     recorder.copy(*at(r->ids.refined), *at(*r->ids.refined_read), sizeof(shaders::RefinedInfo) * n);
     recorder.copy(*at(r->ids.aligned), *at(*r->ids.aligned_read), sizeof(shaders::AlignedInfo) * n * r->max_features);

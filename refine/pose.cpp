@@ -11,6 +11,7 @@
 #include <iclk/align/search/matching.h>
 #include <iclk/align/search/p3p.h>
 #include <iclk/refine/internal/uncertainty.h>
+#include <iclk/shaders/refine/refine.h>
 
 namespace iclk {
 namespace {
@@ -145,11 +146,7 @@ Solution solve(const Camera& camera, std::span<const internal::Observation> used
   return s;
 }
 
-/// px: scale of a loss in which positions that are good to a hundredth of a pixel outweigh a pose between right depths and
-/// wrong ones.
-constexpr double kSharp = 0.025;
-/// Mean logarithm of the squared residuals by which another pose has to be better.
-constexpr double kClearlyBetter = 1;
+constexpr double kSharp = ICLK_SHARP, kClearlyBetter = ICLK_CLEARLY_BETTER;
 
 /// The pose of the least cost among those that three features each explain exactly: where many depths are wrong, a descent from
 /// the pose that all features agreed on ends between the right ones and the wrong ones.

@@ -68,6 +68,7 @@ using uint = uint32_t;
 #define ICLK_MATCH_ROLL 0.25             // rad from one to the next
 #define ICLK_MATCH_FEATURES 200          // of more, so many take part, evenly out of their list
 #define ICLK_MATCH_TILE 16               // places: each feature has one best place a tile of so many squared
+#define ICLK_ELSEWHERE_CELL 4            // places: the same where rivals of an answer are looked for; divides a tile
 #define ICLK_MATCH_LEAST 0.02            // norm of a descriptor before it is normalised: less is no texture
 #define ICLK_MATCH_HYPOTHESES 512        // poses from three correspondences each, of all rolls
 #define ICLK_MATCH_UPRIGHT_FEATURES 128  // of those, where no roll is looked for
@@ -331,6 +332,7 @@ struct MatchPush {
   uint hypotheses;         // hypothesise.comp, match_pose.comp: of a pair
   uint sought;             // of `features`, at most
   uint first_roll, rolls;  // of the reference's patches: the upright ones, then all, for pairs still unmatched
+  float share;             // match_pose.comp: of the correspondences, that have to agree with a start
 };
 
 // The best place of a feature in a tile.

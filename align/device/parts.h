@@ -5,6 +5,7 @@
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/align/pyramid.h>
+#include <iclk/align/search/device_matching.h>
 
 namespace iclk::internal {
 
@@ -52,6 +53,9 @@ struct DeviceParts {
   static std::unique_ptr<GreyMaps> make_grey_maps(const DeviceAligner& aligner, bool recolour = true);
   /// Features that the device chooses in this slot; 0 where the host has given them.
   static uint32_t chosen_features(const DeviceAligner& aligner, int slot);
+  /// Starts by matching, or false where the plan has none, and the memory that it works on.
+  static const DeviceMatching& matching(const DeviceAligner& aligner);
+  static const engine::Workspace& memory(const DeviceAligner& aligner);
   /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/align/jacobian.comp.
   static const engine::Buffer& template_pixels(const DeviceAligner& aligner);
   static const engine::Buffer& template_gradients(const DeviceAligner& aligner);

@@ -83,6 +83,12 @@ void DeviceMatching::load(const std::shared_ptr<const engine::Context>& context)
                     push,
                     {}});
   batch.make();
+  cells_kernel_ =
+      engine::Kernel::deferred(context, {"match",
+                                         match_comp_spv,
+                                         {storage_read, storage_read, texel_read, texel_read, storage_write},
+                                         push,
+                                         {std::min(sizes_.iterate, 64u), 1, ICLK_ELSEWHERE_CELL, 1}});
 }
 
 void DeviceMatching::add_to(engine::ArenaSize& size) const {
@@ -130,6 +136,7 @@ void DeviceMatching::round(engine::Recorder& recorder, const engine::Workspace& 
   push.hypotheses = upright ? ICLK_MATCH_UPRIGHT_HYPOTHESES : ICLK_MATCH_HYPOTHESES;
   push.rolls = upright ? 1 : ICLK_MATCH_ROLLS;
   push.sought = std::min(push.features, upright ? ICLK_MATCH_UPRIGHT_FEATURES : push.features);
+  push.share = static_cast<float>(upright ? ICLK_MATCH_UPRIGHT_SHARE : ICLK_MATCH_SHARE);
   const uint32_t features = std::min(pairs.most_features, push.sought);
   recorder.stage("match");
   recorder.dispatch(match_kernels_[upright],
@@ -145,6 +152,38 @@ void DeviceMatching::round(engine::Recorder& recorder, const engine::Workspace& 
                     {groups_for(push.hypotheses, group), 1, count});
   recorder.dispatch(pose_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_], &pairs.starts},
                     push, {1, 1, count});
+}
+
+void DeviceMatching::score_cells(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& references,
+                                 const engine::Buffer& pairs, const engine::Buffer& descriptors, const engine::Buffer& cells,
+                                 uint32_t count) const {
+  const uint32_t group = std::min(sizes_.iterate, 64u);
+  shaders::MatchPush push = push_;
+  push.rolls = 1;
+  push.sought = push.features;
+  recorder.dispatch(cells_kernel_, {&references, &pairs, &descriptors, &memory[descriptors1_], &cells}, push,
+                    {groups_for(groups_for(push.features, ICLK_MATCH_ROLLS), group), static_cast<uint32_t>(match_.tiles()),
+                     count});
+}
+
+void DeviceMatching::agree(engine::Recorder& recorder, const engine::Buffer& references, const engine::Buffer& pairs,
+                           const engine::Buffer& correspondences, const engine::Buffer& hypotheses, uint32_t most,
+                           uint32_t count) const {
+  shaders::MatchPush push = push_;
+  push.features = most;
+  push.hypotheses = ICLK_MATCH_HYPOTHESES;
+  push.rolls = 1;
+  push.share = 0;
+  push.starts = 0;
+  recorder.dispatch(hypothesise_, {&references, &pairs, &correspondences, &hypotheses}, push,
+                    {groups_for(push.hypotheses, std::min(sizes_.iterate, 64u)), 1, count});
+  recorder.dispatch(pose_, {&references, &pairs, &correspondences, &hypotheses, &pairs}, push, {1, 1, count});
+}
+
+void DeviceMatching::add_elsewhere_to(engine::ArenaSize& size, uint32_t poses) const {
+  size.add(cells_kernel_);
+  size.add(hypothesise_, poses);
+  size.add(pose_, poses);
 }
 
 }  // namespace iclk::internal

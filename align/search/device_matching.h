@@ -31,6 +31,19 @@ class DeviceMatching {
   /// Starts of pairs that matching finds: their PairInfo's pose and first level, and their starts are switched off.
   void find(engine::Recorder& recorder, const engine::Workspace& memory, const Pairs& pairs) const;
 
+  // What else a target shows than an answer: refine/internal/device_rivals.h asks.
+  const MatchLayout& layout() const { return match_; }
+  const engine::Buffer& reference_maps(const engine::Workspace& memory) const { return memory[grey0_]; }
+  const engine::Buffer& target_descriptors(const engine::Workspace& memory) const { return memory[descriptors1_]; }
+  /// Descriptors of pairs, in the places of upright ones, against all places: MatchInfo a cell of ICLK_ELSEWHERE_CELL squared.
+  void score_cells(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& references,
+                   const engine::Buffer& pairs, const engine::Buffer& descriptors, const engine::Buffer& cells,
+                   uint32_t count) const;
+  /// The pose on which most of up to `most` correspondences a pair agree: PairInfo's, if `matched`.
+  void agree(engine::Recorder& recorder, const engine::Buffer& references, const engine::Buffer& pairs,
+             const engine::Buffer& correspondences, const engine::Buffer& hypotheses, uint32_t most, uint32_t count) const;
+  void add_elsewhere_to(engine::ArenaSize& size, uint32_t poses) const;
+
  private:
   void grey(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first,
             uint32_t count) const;
@@ -44,6 +57,7 @@ class DeviceMatching {
   engine::BufferId grey0_{}, grey1_{}, descriptors0_{}, descriptors1_{}, matches_{}, correspondences_{}, hypotheses_{};
   engine::Kernel grey_kernel_, describe_reference_, describe_target_, correspond_, hypothesise_, pose_;
   engine::Kernel match_kernels_[2];  // all rolls, upright
+  engine::Kernel cells_kernel_;      // deferred
 };
 
 }  // namespace iclk::internal

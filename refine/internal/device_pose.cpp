@@ -1,5 +1,6 @@
 #include <iclk/refine/internal/device_pose.h>
 
+#include "refine_consensus.comp.spv.h"
 #include "refine_pose.comp.spv.h"
 #include "refine_start.comp.spv.h"
 #include "refine_turn.comp.spv.h"
@@ -36,6 +37,12 @@ DevicePose::DevicePose(const std::shared_ptr<const engine::Context>& context, co
                                     {storage_read, storage_read, storage_write, storage_write, storage_write, storage_write},
                                     bytes,
                                     {}});
+  consensus_ = engine::Kernel(context, {"refine_consensus",
+                                        refine_consensus_comp_spv,
+                                        {storage_read, storage_read, storage_read, storage_read, storage_read_write,
+                                         storage_read_write, storage_read, storage_read},
+                                        bytes,
+                                        {}});
   // References, pairs, features, where they were found, observations, states, turns; tasks.
   pose_ = engine::Kernel(context, {"refine_pose",
                                    refine_pose_comp_spv,
@@ -89,6 +96,7 @@ void DevicePose::start(engine::Recorder& recorder, const PoseBuffers& ids, const
 void DevicePose::round(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
                        const engine::Buffer& references, uint32_t pairs) const {
   recorder.stage("pose");
+  estimate(recorder, consensus_, ids, memory, references, pairs);
   estimate(recorder, pose_, ids, memory, references, pairs);
 }
 
@@ -97,6 +105,7 @@ void DevicePose::unbend(engine::Recorder& recorder, const PoseBuffers& ids, cons
   if (!turn_) return;
   recorder.stage("pose");
   estimate(recorder, *turn_, ids, memory, references, pairs);
+  estimate(recorder, consensus_, ids, memory, references, pairs);
   estimate(recorder, pose_, ids, memory, references, pairs);
 }
 
@@ -109,16 +118,20 @@ void DevicePose::estimate(engine::Recorder& recorder, const engine::Kernel& kern
 }
 
 void DevicePose::verdict(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
-                         const engine::Buffer& references, uint32_t pairs) const {
+                         const engine::Buffer& references, uint32_t pairs, bool rivals) const {
+  shaders::RefinePush push = push_;
+  push.rivals = rivals;
+  push.keep_unconfirmed = push.keep_unconfirmed && !rivals;
   recorder.stage("verdict");
   recorder.dispatch(verdict_,
                     {&references, &memory[ids.pairs], &memory[ids.features], &memory[ids.aligned], &memory[ids.observations],
                      &memory[ids.states], &memory[ids.turns], &memory[ids.refined]},
-                    push_, {pairs, 1, 1});
+                    push, {pairs, 1, 1});
 }
 
 void DevicePose::add_to(engine::ArenaSize& size) const {
   size.add(start_);
+  size.add(consensus_);
   size.add(pose_);
   if (turn_) size.add(*turn_);
   size.add(verdict_);

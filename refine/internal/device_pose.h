@@ -33,8 +33,9 @@ class DevicePose {
   /// After the last round, where RefinerOptions::rolling_shutter: the turns that features prove, and the poses without them.
   void unbend(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
               const engine::Buffer& references, uint32_t pairs) const;
+  /// `rivals`: no start stands unconfirmed, and the last round's pose is kept whatever the verdict.
   void verdict(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
-               const engine::Buffer& references, uint32_t pairs) const;
+               const engine::Buffer& references, uint32_t pairs, bool rivals = false) const;
 
   void add_to(engine::ArenaSize& size) const;
 
@@ -43,7 +44,7 @@ class DevicePose {
                 const engine::Workspace& memory, const engine::Buffer& references, uint32_t pairs) const;
 
   shaders::RefinePush push_{};
-  engine::Kernel start_, pose_, verdict_;
+  engine::Kernel start_, consensus_, pose_, verdict_;
   std::optional<engine::Kernel> turn_;
 };
 

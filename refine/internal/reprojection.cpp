@@ -11,6 +11,7 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/verdict.h>
+#include <iclk/shaders/refine/refine.h>
 
 namespace iclk::internal {
 namespace {
@@ -222,8 +223,6 @@ double width_of(std::span<const Eigen::Vector2d> points) {
       std::max(Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(scatter, Eigen::EigenvaluesOnly).eigenvalues()[0], 0.0));
 }
 
-constexpr double kLeastWidth = 0.02;  // of the image's height: right poses have 0.07 and more, those of one edge 0.005 at most
-
 }  // namespace
 
 bool judge(std::span<const Observation> observations, const Camera& camera, const Ending& ending, const PoseOptions& options,
@@ -250,7 +249,7 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
     result.reason = why.str();
     return false;
   }
-  if (const double width = width_of(agree); !(width >= kLeastWidth * camera.height)) {
+  if (const double width = width_of(agree); !(width >= ICLK_LEAST_WIDTH * camera.height)) {
     result.status = Status::degenerate;
     result.reason = std::to_string(result.inliers) + " features agree on the pose and lie on one line, " +
                     std::to_string(width) + " px wide: each may slide along it";

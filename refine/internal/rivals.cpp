@@ -7,6 +7,7 @@
 
 #include <iclk/align/search/matching.h>
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/shaders/refine/refine.h>
 
 namespace iclk::internal {
 namespace {
@@ -22,9 +23,9 @@ constexpr float kWorse = 0.2f;           // than the best place: no longer a lik
 constexpr float kClear = 0.8f;           // score of a place at which a feature is seen for certain,
 constexpr float kClearlyBetter = 0.15f;  // and as much more than where the answer puts it
 constexpr float kBetter = 0.05f;         // the same of a feature that may have gone there
-constexpr int kSample = 32;              // features that are looked at first
-constexpr double kExplained = 0.85;      // share of features with texture that leaves little to another pose,
-constexpr double kAlike = 0.15;          // unless so many look like another place
+constexpr int kSample = int{ICLK_ELSEWHERE_SAMPLE};           // features that are looked at first
+constexpr double kExplained = ICLK_ELSEWHERE_EXPLAINED;  // share that leaves little to another pose,
+constexpr double kAlike = 0.15;                          // unless so many look like another place
 constexpr int kHypotheses = 512;
 
 using Scores = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -225,11 +226,10 @@ Contest compare(const Camera& camera, const Features& features, const RefinedAli
 
 std::vector<bool> still(const Camera& camera, const Features& features, const RefinedAlignment& answer,
                         double inlier_distance) {
-  constexpr double kStill = 0.1;  // px
   std::vector<bool> out(features.uv.size());
   if (answer.refined) {
     out = inliers(camera, features, answer.features, answer.T_10, inlier_distance);
-    for (size_t i = 0; i < out.size(); ++i) out[i] = out[i] && (answer.features[i].uv1 - features.uv[i]).norm() < kStill;
+    for (size_t i = 0; i < out.size(); ++i) out[i] = out[i] && (answer.features[i].uv1 - features.uv[i]).norm() < ICLK_STILL;
     return out;
   }
   for (size_t i = 0; i < out.size(); ++i) {

@@ -4,12 +4,9 @@
 #include <cmath>
 #include <sstream>
 
+#include <iclk/shaders/refine/refine.h>
+
 namespace iclk::internal {
-namespace {
-
-constexpr double kRefuted = 0.6;  // share of the aligned features that agree on the pose: fewer speak against it
-
-}  // namespace
 
 Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const Recolouring& recolouring,
               const RefinerOptions& options) {
@@ -25,7 +22,7 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
     why << "the features do not confirm the pose: " << e.inliers << " agree on it, " << needed << " of " << e.candidates
         << " with texture inside the target needed; " << summary(features);
     // Enough were found to confirm the pose, and did not. A tracker weighs such a pose by its guess.
-    const bool refuted = !e.guessed && e.aligned >= needed && e.inliers < kRefuted * e.aligned;
+    const bool refuted = !e.guessed && e.aligned >= needed && e.inliers < ICLK_REFUTED_SHARE * e.aligned;
     return end(Status::diverged, !refuted);
   }
   if (!usable(e.pose_status)) {

@@ -11,7 +11,11 @@ layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo 
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { RefinePair pairs[]; };
 layout(set = 0, binding = 2, std430) readonly buffer FeatureList { FeatureInfo features[]; };
 layout(set = 0, binding = 3, std430) readonly buffer Aligned { AlignedInfo aligned[]; };
+#ifdef ICLK_LISTS_OBSERVATIONS
+layout(set = 0, binding = 4, std430) coherent buffer Observations { ObservationInfo observations[]; };
+#else
 layout(set = 0, binding = 4, std430) buffer Observations { ObservationInfo observations[]; };
+#endif
 layout(set = 0, binding = 5, std430) buffer States { RefineState states[]; };
 #ifdef ICLK_FINDS_TURNS
 layout(set = 0, binding = 6, std430) buffer Turns { TurnInfo turns[]; };

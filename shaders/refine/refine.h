@@ -30,6 +30,12 @@ using uint = uint32_t;
 // of 200 features do not average out. Chosen on the Alps and on orbits (docs/design.md).
 #define ICLK_MAP_SIGMA 0.12
 
+// Inliers that lie within so much of one line, as a share of the image's height, do not determine the pose: each may slide
+// along it. Right poses have 0.07 and more, those of one edge 0.005 at most.
+#define ICLK_LEAST_WIDTH 0.02
+// Share of the aligned features that agree on a pose that was searched for: fewer speak against it.
+#define ICLK_REFUTED_SHARE 0.6
+
 // Feature alignment: all features of one pair, warped by one pose.
 struct FeatureTask {
   uint reference, pair;
@@ -62,10 +68,23 @@ struct FeatureAlignmentPush {
   float step_tolerance, max_motion, min_correlation, min_texture;
 };
 
+// px: scale of a loss in which positions that are good to a hundredth of a pixel outweigh a pose between right depths and
+// wrong ones; and the mean logarithm of the squared residuals by which the pose that it leads to has to be better.
+#define ICLK_SHARP 0.025
+#define ICLK_CLEARLY_BETTER 1.0
+
 // Pose refinement on the device (refine/device_refiner.h). A workgroup a pair; features of a pair at most, since an invocation
 // of lavapipe may go round a loop 65,535 times.
 #define ICLK_REFINE_GROUP 64
 #define ICLK_REFINE_FEATURES 8192
+
+// Poses that are tried beside an answer (the host tries six); and the limits of refine/internal/rivals.cpp.
+#define ICLK_RIVALS 2
+#define ICLK_ELSEWHERE_EXPLAINED 0.85  // share of features with texture that leaves little to another pose:
+#define ICLK_ELSEWHERE_SAMPLE 32u      // so many are looked for then
+#define ICLK_ELSEWHERE_PLACES 8     // of a feature: the two most alike, and of those as alike the six nearest to its own
+#define ICLK_ELSEWHERE_STRIDE 12    // vec4 a feature: own, warp, centre, point, places
+#define ICLK_STILL 0.1              // px
 
 // What the host says of a pair.
 struct RefinePair {
@@ -73,6 +92,8 @@ struct RefinePair {
   uint first_feature, feature_count;  // in the lists of features
   // Mean inverse depth: poses are refined in the unit of length in which it is 1. 0: the reference's.
   float unit;
+  uint search;  // 0: the pair began at a first guess
+  uint asks;    // 1: what rivals its answer is looked for
 };
 
 // What a round of feature alignment and pose leaves to the next one, and to the verdict: PoseResult of refine/pose.h.
@@ -82,6 +103,9 @@ struct RefineState {
   uint used, inliers;
   uint status;  // iclk::Status
   uint rounds;  // 0: ICLK's pose is none to refine
+  // Of the round that comes: what refine_consensus.comp found, in the unit of RefinePair.
+  float consensus[12];
+  uint has_consensus;
 };
 
 // What the features say of the target's turn while its rows were read: TurnEstimate of refine/rolling_shutter.h.
@@ -98,6 +122,7 @@ struct ObservationInfo {
   uint used;               // aligned, and in front of camera 1
   uint was_aligned;        // in the round before
   float value;             // of which a median is taken
+  uint listed;             // refine_consensus.comp: entry k of the list is the k-th that is used
 };
 
 // RefinedAlignment of refine/refiner.h, and what its verdict went by.
@@ -113,6 +138,11 @@ struct RefinedInfo {
   uint pose_status;  // iclk::Status of the last round's pose
   uint used;         // features that this pose is of
   float turn[3];     // rad, of the target while its rows were read, which is taken out of the pose
+  uint standing;     // features that stand still, and may be fixed to the camera
+  uint seen;         // of the others, seen elsewhere for certain
+  uint rival_count;  // with the status ambiguous
+  uint rival_inliers[ICLK_RIVALS];
+  float rivals[12 * ICLK_RIVALS];  // their poses
 };
 
 // PoseOptions and RefinerOptions.
@@ -127,6 +157,18 @@ struct RefinePush {
   uint keep_unconfirmed;
   uint width, height;  // of the images
   uint pairs;
+  uint rivals;  // 1: the last round's pose is kept, whatever the verdict
+};
+
+// What else the target shows than an answer (refine/internal/rivals.h).
+struct RivalPush {
+  uint pairs;
+  uint max_features;               // from a pair's to the next
+  uint features;                   // of these, that are looked for, at most
+  uint scale, width, height;       // of the grey map
+  uint rival;                      // rivals_take.comp: number of the one that was found
+  float inlier_distance, max_rival_share;
+  uint min_inliers;
 };
 
 #ifdef __cplusplus

@@ -1,7 +1,7 @@
 #version 460
 // One round's pose for each pair: refine_pose() of refine/pose.h in single precision, its covariance aside. Levenberg-Marquardt
-// over the reprojection errors of the aligned features under Cauchy's loss: once with sigma_0 as given, then with what the
-// residuals say of themselves.
+// over the reprojection errors of the aligned features under Cauchy's loss: once with sigma_0 as given, also from the pose of
+// refine_consensus.comp, then with what the residuals say of themselves.
 // Inputs: features and where feature alignment found them. Outputs: states, and the tasks of the next round: none for a pair
 // that stands still.
 // Groups: (pairs, 1, 1).
@@ -57,13 +57,14 @@ float propose(float damping) {
   return positive && is_finite(size) ? size : -1.0;
 }
 
-// From T; the status says whether the steps died out. One place evaluates and one solves: what is inlined once compiles soon.
-Pose minimise(Pose T, float scale, out uint status, out float cost) {
+// From T, in so many steps at most; the status says whether they died out.
+// One place evaluates and one solves: what is inlined once compiles soon.
+Pose minimise(Pose T, float scale, uint iterations, out uint status, out float cost) {
   float damping = 1e-4, growth = 2.0, size = 0.0;
   Pose next = T;
   status = MAX_ITERATIONS;
   cost = INFINITE;
-  [[dont_unroll]] for (uint n = 0u; n <= push.iterations; ++n) {
+  [[dont_unroll]] for (uint n = 0u; n <= iterations; ++n) {
     float found = evaluate(next, scale), gain = cost - found;
     bool better = n == 0u ? is_finite(found) : found <= cost;
     if (n == 0u && !better) status = DIVERGED;
@@ -79,7 +80,7 @@ Pose minimise(Pose T, float scale, out uint status, out float cost) {
     }
     // A step of so little, or no way down: what is left of the gradient is rounding.
     if (n > 0u && (size < 1e-4 || (better && gain <= 1e-7 * cost) || damping > 1e6)) status = CONVERGED;
-    if (status != MAX_ITERATIONS || n == push.iterations) break;
+    if (status != MAX_ITERATIONS || n == iterations) break;
     size = propose(damping);
     if (size < 0.0) {
       status = DIVERGED;
@@ -91,6 +92,16 @@ Pose minimise(Pose T, float scale, out uint status, out float cost) {
   return T;
 }
 
+// Standard deviation across the line that fits points best, from their sums and those of their products (uu, uv, vv).
+float width_of(float count, vec2 sums, vec3 products) {
+  vec2 mean = sums / count;
+  vec3 C = products / count - vec3(mean.x * mean.x, mean.x * mean.y, mean.y * mean.y);
+  float half_trace = 0.5 * (C.x + C.z), half_difference = 0.5 * (C.x - C.z);
+  return sqrt(max(half_trace - length(vec2(half_difference, C.y)), 0.0));
+}
+
+const int DESCENT = 0, MEASURE = 1, OTHER = 2, LAST = 3;  // MEASURE: what the descent is worth to OTHER
+
 void main() {
   uint index = gl_WorkGroupID.x;
   begin(index);
@@ -99,16 +110,24 @@ void main() {
   Pose T = scaled(pose_of(tasks[index].pose), pair.unit), start = T;
   uint status = TOO_FEW_FEATURES;
   float used = observe(T), floor = push.sigma, depth = 0.0, cost = 0.0, inliers = 0.0;
-  // Once with sigma_0 as given, then with what the residuals say of themselves.
-  [[dont_unroll]] for (int pass = 0; pass < 2 && used >= float(push.min_features); ++pass) {
-    if (pass == 1 && status != DIVERGED) {
+  Pose other = pose_of(states[index].consensus);
+  bool has_other = states[index].has_consensus != 0u;
+  float first_cost = 0.0;
+  [[dont_unroll]] for (int pass = DESCENT; pass <= LAST && used >= float(push.min_features); ++pass) {
+    if (!has_other && (pass == MEASURE || pass == OTHER)) continue;
+    if (pass == LAST && status != DIVERGED) {
       vec2 errors = position_errors(T);
       floor = errors.x;
       depth = errors.y;
     }
-    whiten(T, floor, depth);
-    Pose found = minimise(T, push.cauchy_scale * floor, status, cost);
-    if (pass == 1 || status != DIVERGED) T = found;
+    if (pass == DESCENT || pass == LAST) whiten(T, floor, depth);
+    float scale = pass == MEASURE || pass == OTHER ? ICLK_SHARP : push.cauchy_scale * floor;
+    uint ending;
+    Pose found = minimise(pass == OTHER ? other : T, scale, pass == MEASURE ? 0u : push.iterations, ending, cost);
+    if (pass == MEASURE) first_cost = cost;
+    bool wins = ending != DIVERGED && 2.0 * (first_cost - cost) > ICLK_CLEARLY_BETTER * ICLK_SHARP * ICLK_SHARP * used;
+    if (pass == LAST || (pass == DESCENT && ending != DIVERGED) || (pass == OTHER && wins)) T = found;
+    if (pass == LAST || pass == DESCENT || (pass == OTHER && wins)) status = ending;
   }
 
   // Who agrees, how far it moved, and whether the same features are aligned as in the round before.
@@ -123,16 +142,32 @@ void main() {
     if (!(f.inverse_depth > 0.0)) continue;
     PatchWarp a = warp_patch(f, reference, start), b = warp_patch(f, reference, T);
     farthest = max(farthest, a.valid && b.valid ? length(b.uv1 - a.uv1) : INFINITE);
-    if (observations[i].used != 0u && is_near(i, T, push.inlier_distance)) s[0] += 1.0;
+    if (observations[i].used == 0u || !is_near(i, T, push.inlier_distance)) continue;
+    vec2 uv = vec2(f.u - reference.cx, f.v - reference.cy);
+    s[0] += 1.0;
+    s[3] += uv.x;
+    s[4] += uv.y;
+    s[5] += uv.x * uv.x;
+    s[6] += uv.x * uv.y;
+    s[7] += uv.y * uv.y;
   }
   s[2] = farthest > push.round_tolerance ? 1.0 : 0.0;
   sum(s);
   inliers = s[0];
   if (status != TOO_FEW_FEATURES && status != DIVERGED &&
       (inliers < push.pose_inlier_share * used || inliers < float(push.min_features))) status = DIVERGED;
+  if (status <= MAX_ITERATIONS &&
+      !(width_of(inliers, vec2(s[3], s[4]), vec3(s[5], s[6], s[7])) >= ICLK_LEAST_WIDTH * float(push.height)))
+    status = DEGENERATE;
   if (lane != 0u) return;
-  states[index] = RefineState(floats_of(T), floor, depth, used > 0.0 ? cost / used : 0.0, uint(used), uint(inliers), status,
-                              states[index].rounds + 1u);
+  states[index].pose = floats_of(T);
+  states[index].floor = floor;
+  states[index].depth_sigma = depth;
+  states[index].cost = used > 0.0 ? cost / used : 0.0;
+  states[index].used = uint(used);
+  states[index].inliers = uint(inliers);
+  states[index].status = status;
+  states[index].rounds += 1u;
   // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
   bool moving = inliers >= float(push.min_features) && (s[2] > 0.0 || s[1] > 0.0);
   if (moving) tasks[index].pose = floats_of(scaled(T, 1.0 / pair.unit));

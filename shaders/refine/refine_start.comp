@@ -21,7 +21,10 @@ void main() {
   bool usable = results[index].status <= 1u;  // converged or max_iterations
   tasks[index] = FeatureTask(pair.reference, pair.pair, pair.first_feature, usable ? pair.feature_count : 0u, 0u,
                              results[index].pose);
-  states[index] = RefineState(results[index].pose, 0.0, 0.0, 0.0, 0u, 0u, results[index].status, 0u);
+  states[index].pose = results[index].pose;
+  states[index].floor = states[index].depth_sigma = states[index].cost = 0.0;
+  states[index].used = states[index].inliers = states[index].rounds = 0u;
+  states[index].status = results[index].status;
   turns[index].turn = float[3](0.0, 0.0, 0.0);
   for (int i = 0; i < 36; ++i) turns[index].doubt[i] = 0.0;
   refined[index].pose = results[index].pose;

@@ -128,6 +128,7 @@ void main() {
       status = TOO_FEW_FEATURES;
     } else if (state.inliers < needed) {
       status = DIVERGED;
+      compatible = pair.search == 0u || counts.z < float(needed) || float(state.inliers) >= ICLK_REFUTED_SHARE * counts.z;
     } else if (pose_status > MAX_ITERATIONS) {
       status = pose_status;
     } else if (!is_finite(moved) || moved > push.max_correction) {
@@ -155,7 +156,8 @@ void main() {
   }
   if (lane < 12u) {
     float found = state.pose[lane] / (lane % 4u == 3u ? pair.unit : 1.0);
-    refined[index].pose[lane] = is_refined ? found : refined[index].pose[lane];
+    bool kept = is_refined || (push.rivals != 0u && state.rounds > 0u);
+    refined[index].pose[lane] = kept ? found : refined[index].pose[lane];
   }
   if (lane != 0u) return;
   refined[index].status = status;
@@ -169,6 +171,7 @@ void main() {
   refined[index].correction = moved;
   refined[index].pose_status = pose_status;
   refined[index].used = state.used;
+  refined[index].standing = refined[index].seen = refined[index].rival_count = 0u;
   bool stated = is_refined && bent;
   refined[index].turn = float[3](stated ? turn.x : 0.0, stated ? turn.y : 0.0, stated ? turn.z : 0.0);
 }

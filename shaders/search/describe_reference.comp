@@ -13,18 +13,7 @@ layout(push_constant) uniform Push { MatchPush push; };
 #include "search/match_descriptor.glsl"
 #include "search/match_features.glsl"
 
-int base, width, height;
-
-// Bilinear, the border repeated.
-float sampled(vec2 at) {
-  at = clamp(at, vec2(0.0), vec2(width - 1, height - 1));
-  vec2 first = min(floor(at), vec2(width - 2, height - 2)), f = at - first;
-  int k = base + int(first.y) * width + int(first.x);
-  vec2 upper = vec2(TEXEL(grey, k).x, TEXEL(grey, k + 1).x);
-  vec2 lower = vec2(TEXEL(grey, k + width).x, TEXEL(grey, k + width + 1).x);
-  vec2 column = mix(upper, lower, f.y);
-  return mix(column.x, column.y, f.x);
-}
+#include "search/match_sample.glsl"
 
 void main() {
   uint k = gl_GlobalInvocationID.x, reference = push.first_reference + gl_WorkGroupID.z;
@@ -38,15 +27,7 @@ void main() {
   vec2 centre = (feature.xy + 0.5) / float(push.scale) - 0.5;
   float angle = (float(roll) - 0.5 * float(ICLK_MATCH_ROLLS - 1)) * ICLK_MATCH_ROLL;
   vec2 along = vec2(cos(angle), sin(angle)), down = vec2(-along.y, along.x);
-  vec2 corner = centre - 3.5 * (along + down);
-  Descriptor d;
-#define FETCH_ROW(r, a, b)                                                                                     \
-  {                                                                                                            \
-    vec2 p = corner + float(r) * down;                                                                         \
-    a = vec4(sampled(p), sampled(p + along), sampled(p + 2.0 * along), sampled(p + 3.0 * along));              \
-    b = vec4(sampled(p + 4.0 * along), sampled(p + 5.0 * along), sampled(p + 6.0 * along), sampled(p + 7.0 * along)); \
-  }
-  DESCRIBE(d)
+  Descriptor d = describe_at(centre, along, down);
   bool usable = feature.z > 0.0;
   uint to = ((reference * push.features + match) * ICLK_MATCH_ROLLS + roll) * ICLK_MATCH_TEXELS;
   descriptors[to] = usable ? d.t0 : vec4(0.0);

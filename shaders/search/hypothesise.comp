@@ -16,13 +16,7 @@ layout(push_constant) uniform Push { MatchPush push; };
 #include "search/match_cost.glsl"
 #include "search/match_pair.glsl"
 #include "search/p3p.glsl"
-
-// PCG (O'Neill 2014), as a hash.
-uint hash(uint x) {
-  x = x * 747796405u + 2891336453u;
-  x = ((x >> ((x >> 28u) + 4u)) ^ x) * 277803737u;
-  return (x >> 22u) ^ x;
-}
+#include "search/three_of.glsl"
 
 vec3 ray_of(MatchView view, int k) {
   return normalize(vec3((pixel_of(view, k) - view.camera.zw) / view.camera.xy, 1.0));
@@ -36,13 +30,9 @@ void main() {
   float least = 1e30;
   if (view.count >= 4) {
     int pool = number % 2u == 0u ? view.count : min(view.count, max(view.count / 4, 12));
-    int i = int(hash(3u * number) % uint(pool)), j = int(hash(3u * number + 1u) % uint(pool - 1)),
-        k = int(hash(3u * number + 2u) % uint(pool - 2));
-    j += j >= i ? 1 : 0;
-    k += k >= min(i, j) ? 1 : 0;
-    k += k >= max(i, j) ? 1 : 0;
-    vec3 x1 = point_of(view, i).xyz, x2 = point_of(view, j).xyz, x3 = point_of(view, k).xyz;
-    vec3 y1 = ray_of(view, i), y2 = ray_of(view, j), y3 = ray_of(view, k);
+    ivec3 drawn = three_of(uint(pool), number);
+    vec3 x1 = point_of(view, drawn.x).xyz, x2 = point_of(view, drawn.y).xyz, x3 = point_of(view, drawn.z).xyz;
+    vec3 y1 = ray_of(view, drawn.x), y2 = ray_of(view, drawn.y), y3 = ray_of(view, drawn.z);
     vec3 d12 = x1 - x2, d13 = x1 - x3, d23 = x2 - x3, distances[4];
     int solutions = p3p_distances(y1, y2, y3, dot(d12, d12), dot(d13, d13), dot(d23, d23), distances);
     float farther = 1.0 / (length(x1) + length(x2) + length(x3));

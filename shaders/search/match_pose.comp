@@ -91,9 +91,9 @@ void main() {
   Pose T = hypothesis(4u * (first + chosen));
   for (int i = 0; i < ICLK_MATCH_STEPS; ++i) T = refined(view, T);
   int inliers;
-  float cost = match_cost(view, T, inliers), share = push.rolls == 1u ? ICLK_MATCH_UPRIGHT_SHARE : ICLK_MATCH_SHARE;
+  float cost = match_cost(view, T, inliers);
   bool believed = least < 1e30 && view.repeats < ICLK_MATCH_REPEATS &&
-                  float(inliers) >= ICLK_MATCH_INLIERS + share * float(view.count);
+                  float(inliers) >= ICLK_MATCH_INLIERS + push.share * float(view.count);
   costs[lane] = believed ? cost : 1e30;
   barrier();
   bool mine = costs[lane] < 1e30, any = false;

@@ -2,6 +2,9 @@
 #include <random>
 #include <vector>
 
+#include <Eigen/Eigenvalues>
+#include <Eigen/LU>
+
 #include <iclk/refine/feature_alignment.h>
 
 #include "../support/synthetic.h"
@@ -31,6 +34,37 @@ inline std::vector<AlignedFeature> correspondences(const Scene& scene, const Fea
     if (uniform(random) < outliers) aligned[i].uv1 += Eigen::Vector2d(8 * uniform(random) - 4, 8 * uniform(random) - 4);
   }
   return aligned;
+}
+
+inline Scene deep_scene() {  // of strong parallax: the plane is steep and the motion along it
+  Scene scene = wide_scene();
+  scene.normal = {0.6, -0.4, 1};
+  scene.T_10.t = {6, -2, 1};
+  return scene;
+}
+
+/// Largest relative difference of the standard deviations along any direction: of the eigenvalues of A^-1 B from 1.
+inline double difference(const Matrix6d& A, const Matrix6d& B) {
+  const Matrix6d ratio = A.inverse() * B;
+  double worst = 0;
+  for (const auto& value : ratio.eigenvalues()) worst = std::max(worst, std::abs(std::sqrt(std::abs(value)) - 1));
+  return worst;
+}
+
+/// 3x4, row-major.
+inline void pack_pose(const SE3& T, float* m) {
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) m[4 * i + j] = static_cast<float>(T.R(i, j));
+    m[4 * i + 3] = static_cast<float>(T.t(i));
+  }
+}
+inline SE3 unpack_pose(const float* m) {
+  SE3 T;
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) T.R(i, j) = m[4 * i + j];
+    T.t(i) = m[4 * i + 3];
+  }
+  return T;
 }
 
 }  // namespace iclk::test

@@ -3,7 +3,6 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
-#include <Eigen/LU>
 
 #include <iclk/engine/submission.h>
 #include <iclk/refine/internal/device_features.h>
@@ -18,6 +17,8 @@
 namespace iclk {
 namespace {
 
+using test::deep_scene;
+using test::difference;
 using test::Scene;
 
 /// A pair as feature alignment would leave it, started at `T_10`.
@@ -27,6 +28,7 @@ struct Case {
   std::vector<AlignedFeature> aligned;
   SE3 T_10;
   Matrix6d iclk_covariance = Matrix6d::Identity();
+  bool search = true;
 };
 
 struct Outcome {
@@ -36,13 +38,6 @@ struct Outcome {
   SE3 T_10;
   Matrix6d covariance;
 };
-
-void pack_pose(const SE3& T, float* m) {
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) m[4 * i + j] = static_cast<float>(T.R(i, j));
-    m[4 * i + 3] = static_cast<float>(T.t(i));
-  }
-}
 
 std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& options = {}) {
   using engine::BufferUse;
@@ -82,7 +77,7 @@ std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& o
                                                            static_cast<uint32_t>(a.status)};
     }
     memory[ids.pairs].as<shaders::RefinePair>()[i] = {static_cast<uint32_t>(i), static_cast<uint32_t>(i), first, count,
-                                                      static_cast<float>(internal::unit_of(c.features))};
+                                                      static_cast<float>(internal::unit_of(c.features)), c.search, 0};
     host[references].as<shaders::ReferenceInfo>()[i] = {static_cast<float>(c.camera.fx),
                                                         static_cast<float>(c.camera.fy),
                                                         static_cast<float>(c.camera.cx),
@@ -91,7 +86,7 @@ std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& o
                                                         0,
                                                         count};
     shaders::ResultInfo result{};
-    pack_pose(c.T_10, result.pose);
+    test::pack_pose(c.T_10, result.pose);
     for (int k = 0; k < 36; ++k) result.covariance[k] = static_cast<float>(c.iclk_covariance(k / 6, k % 6));
     host[iclk].as<shaders::ResultInfo>()[i] = result;
   }
@@ -123,10 +118,7 @@ std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& o
               host[tasks].as<shaders::FeatureTask>()[i],
               {},
               Matrix6d::Zero()};
-    for (int r = 0; r < 3; ++r) {
-      for (int c = 0; c < 3; ++c) o.T_10.R(r, c) = o.info.pose[4 * r + c];
-      o.T_10.t(r) = o.info.pose[4 * r + 3];
-    }
+    o.T_10 = test::unpack_pose(o.info.pose);
     for (int k = 0; k < 36; ++k) o.covariance(k / 6, k % 6) = o.info.covariance[k];
     outcomes.push_back(o);
   }
@@ -146,14 +138,6 @@ Case case_of(const Scene& scene, int count, double sigma, double outliers, uint3
   return c;
 }
 
-/// Largest relative difference of the standard deviations along any direction: of the eigenvalues of A^-1 B from 1.
-double difference(const Matrix6d& A, const Matrix6d& B) {
-  const Matrix6d ratio = A.inverse() * B;
-  double worst = 0;
-  for (const auto& value : ratio.eigenvalues()) worst = std::max(worst, std::abs(std::sqrt(std::abs(value)) - 1));
-  return worst;
-}
-
 double motion(const Case& c, const SE3& a, const SE3& b) {
   double most = 0;
   for (size_t i = 0; i < c.features.uv.size(); ++i) {
@@ -162,13 +146,6 @@ double motion(const Case& c, const SE3& a, const SE3& b) {
     most = std::max(most, (c.camera.project(a * X) - c.camera.project(b * X)).norm());
   }
   return most;
-}
-
-Scene deep_scene() {  // a second one, of strong parallax: the plane is steep and the motion along it
-  Scene scene = test::wide_scene();
-  scene.normal = {0.6, -0.4, 1};
-  scene.T_10.t = {6, -2, 1};
-  return scene;
 }
 
 TEST(DevicePose, AgreesWithCeres) {
@@ -207,16 +184,7 @@ TEST(DevicePose, AgreesWithCeres) {
     EXPECT_LT(difference(expected.covariance, o.covariance), 0.03);
     EXPECT_NEAR(o.info.correction, motion(c, c.T_10, expected.T_10), motion(c, c.T_10, expected.T_10));
     EXPECT_EQ(o.task.feature_count, static_cast<uint32_t>(c.features.size()));  // it moved, so there is another round
-    EXPECT_LT(motion(c, SE3{o.T_10},
-                     [&] {
-                       SE3 T;
-                       for (int r = 0; r < 3; ++r) {
-                         for (int k = 0; k < 3; ++k) T.R(r, k) = o.task.pose[4 * r + k];
-                         T.t(r) = o.task.pose[4 * r + 3];
-                       }
-                       return T;
-                     }()),
-              1e-3);
+    EXPECT_LT(motion(c, o.T_10, test::unpack_pose(o.task.pose)), 1e-3);
   }
 }
 
@@ -319,6 +287,14 @@ TEST(DevicePose, RefusesWhatTheHostRefuses) {
     cases.back().aligned[i] = cases.back().aligned[0];
   }
   expected.push_back(Status::degenerate);
+  cases.push_back(case_of(scene, 60, 0.1, 0, 8));  // on one edge, 2 px wide
+  for (size_t i = 0; i < 60; ++i) {
+    Eigen::Vector2d& uv = cases.back().features.uv[i];
+    uv.y() = 100 + 0.3 * uv.x() + 0.1 * static_cast<double>(i % 20);
+    cases.back().features.inverse_depth[i] = 1 / scene.depth(uv);
+    cases.back().aligned[i].uv1 = scene.truth(uv);
+  }
+  expected.push_back(Status::degenerate);
   cases.push_back(case_of(scene, 60, 0.1, 0, 5));  // 45 px from what ICLK found
   cases.back().T_10 = scene.T_10 * SE3::exp((Vector6d() << 0, 0, 0, 0.1, 0, 0).finished());
   expected.push_back(Status::diverged);
@@ -356,6 +332,62 @@ TEST(DevicePose, UnconfirmedPosesKeepIclksCovarianceAndThatOfTheDepths) {
       internal::depth_covariance(c.camera, c.features, check_features(c.features, c.camera), c.T_10, 0, ICLK_MAP_SIGMA);
   EXPECT_GT(difference(expected, c.iclk_covariance), 0.1);
   EXPECT_LT(difference(expected, o.covariance), 0.02);
+}
+
+// Up to six of ten depths are wrong by factors from a third to three: a descent alone loses some of these poses.
+TEST(DevicePose, RightDepthsOutvoteWrongOnes) {
+  ICLK_NEED_DEVICE();
+  const Scene scene = deep_scene();
+  constexpr double kNoise = 0.02;
+  std::vector<Case> cases;
+  for (const double share : {0.3, 0.5, 0.6})
+    for (uint32_t seed = 0; seed < 12; ++seed) {
+      Case c = case_of(scene, 100, kNoise, 0, 20 + seed);
+      std::mt19937 random(seed);
+      std::uniform_real_distribution<double> uniform(0, 1);
+      for (size_t i = 0; i < 100; ++i) {
+        double& q = c.features.inverse_depth[i];
+        q *= 0.5 + 1.5 * uniform(random);  // no plane
+        c.aligned[i].covariance = 1e-4 * Eigen::Matrix2d::Identity();
+        c.aligned[i].uv1 = c.camera.project(scene.T_10 * (c.camera.ray(c.features.uv[i]) / q)) +
+                           kNoise * Eigen::Vector2d(uniform(random), uniform(random));
+        if (uniform(random) < share) q *= std::exp(std::log(3) * (2 * uniform(random) - 1));
+      }
+      c.T_10 = scene.T_10 * SE3::exp((Vector6d() << 1.8, -1.8, 1.2, 0.024, -0.024, 0.06).finished());
+      cases.push_back(c);
+    }
+  RefinerOptions options;
+  options.rolling_shutter = false;
+  const auto outcomes = run(cases, options);
+  for (size_t i = 0; i < cases.size(); ++i) {
+    SCOPED_TRACE(i);
+    const Case& c = cases[i];
+    const PoseResult expected = refine_pose(c.camera, c.features, c.aligned, c.T_10);
+    EXPECT_EQ(outcomes[i].state.status, static_cast<uint32_t>(expected.status));
+    EXPECT_LT(motion(c, expected.T_10, scene.T_10), 0.1);
+    SE3 found = test::unpack_pose(outcomes[i].state.pose);
+    found.t /= internal::unit_of(c.features);
+    EXPECT_LT(motion(c, found, expected.T_10), 5e-3);
+  }
+}
+
+// Enough were found, and most of them elsewhere: only a first guess may overrule that.
+TEST(DevicePose, FeaturesRefuteAPoseThatWasSearchedFor) {
+  ICLK_NEED_DEVICE();
+  Case searched = case_of(test::wide_scene(), 60, 0.1, 0, 1);
+  for (size_t i = 0; i < 45; ++i)
+    searched.aligned[i].uv1 += Eigen::Vector2d(i % 2 ? 40 : -40, 7.0 * static_cast<double>(i) - 160);
+  Case guessed = searched, unseen = searched;
+  guessed.search = false;
+  for (size_t i = 0; i < 45; ++i) unseen.aligned[i].status = FeatureStatus::bad_match;
+  RefinerOptions options;
+  options.keep_unconfirmed = true;
+  const auto outcomes = run({searched, guessed, unseen}, options);
+  EXPECT_EQ(outcomes[0].info.status, static_cast<uint32_t>(Status::diverged));
+  EXPECT_TRUE(outcomes[0].covariance.isZero());
+  EXPECT_EQ(outcomes[1].info.status, static_cast<uint32_t>(Status::converged));
+  EXPECT_EQ(outcomes[2].info.status, static_cast<uint32_t>(Status::converged));
+  for (const Outcome& o : outcomes) EXPECT_EQ(o.info.refined, 0u);
 }
 
 }  // namespace

@@ -1,0 +1,43 @@
+#pragma once
+#include <memory>
+
+#include <iclk/align/device/parts.h>
+#include <iclk/align/search/device_matching.h>
+#include <iclk/engine/kernel.h>
+#include <iclk/refine/internal/device_pose.h>
+#include <iclk/refine/refiner.h>
+
+namespace iclk::internal {
+
+/// Buffers of what is asked of up to `pairs` answers, of `features` features each.
+struct RivalBuffers {
+  RivalBuffers(int pairs, const MatchLayout& layout);
+  engine::MemoryPlan plan;
+  engine::BufferId questions, sought, descriptors, cells, correspondences, hypotheses, results;
+};
+
+/// Poses that rival an answer, on the device: refine/internal/rivals.h in shaders. Works on what a DeviceAligner that matches
+/// has left of its last batch.
+class DeviceRivals {
+ public:
+  DeviceRivals(const DeviceAligner& aligner, const RefinerOptions& options);
+  const MatchLayout& layout() const { return matching_.layout(); }
+
+  /// Poses among the places that look like features elsewhere: ResultInfo, rival j of pair i at j * pairs + i.
+  void find(engine::Recorder& recorder, const RivalBuffers& ids, const engine::Workspace& memory,
+            const PoseBuffers& answers_ids, const engine::Workspace& answers, const engine::Buffer& references,
+            uint32_t pairs) const;
+  /// The final word on every answer.
+  void weigh(engine::Recorder& recorder, const RivalBuffers& ids, const engine::Workspace& memory,
+             const PoseBuffers& answers_ids, const engine::Workspace& answers, const PoseBuffers& rivals_ids,
+             const engine::Workspace& rivals, const engine::Buffer& references, uint32_t pairs) const;
+  void add_to(engine::ArenaSize& size) const;
+
+ private:
+  const DeviceMatching& matching_;
+  const engine::Workspace& matched_;
+  shaders::RivalPush push_{};
+  engine::Kernel ask_, describe_, places_, take_, weigh_;
+};
+
+}  // namespace iclk::internal
