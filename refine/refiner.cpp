@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <iterator>
 
 #include <iclk/align/common/each.h>
 #include <iclk/align/common/options_check.h>
@@ -316,14 +317,18 @@ void Refiner::conclude(const Pair& pair, Candidate& c) const {
   if (options_.structure) refine_depths(view, options_, turn_share, r);
 }
 
-void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> answers) {
-  std::vector<internal::Elsewhere> elsewhere(answers.size());
+void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> all) {
+  const Stopwatch time;
   const auto view = [&](const Candidate& c) { return view_of(aligner_, pairs[c.pair].reference); };
+  const auto is_claim = [&](const Candidate& c) {  // a guess decides
+    return c.result->converged() && !pairs[c.pair].prior && pairs[c.pair].search;
+  };
+  std::vector<Candidate> answers;
+  std::copy_if(all.begin(), all.end(), std::back_inserter(answers), is_claim);
+  std::vector<internal::Elsewhere> elsewhere(answers.size());
   internal::for_each_of(answers.size(), options_.threads, [&](size_t k) {
     const Pair& pair = pairs[answers[k].pair];
-    const RefinedAlignment& answer = *answers[k].result;
-    if (!answer.converged() || pair.prior || !pair.search) return;  // a guess decides
-    elsewhere[k] = look(view(answers[k]), options_, aligner_.grey(pair.reference), pair, answer);
+    elsewhere[k] = look(view(answers[k]), options_, aligner_.grey(pair.reference), pair, *answers[k].result);
   });
   std::vector<std::vector<RefinedAlignment>> found(answers.size());
   std::vector<Candidate> rivals;
@@ -346,6 +351,8 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
                    : internal::prefer_confirmed(found[k], answer);
     if (answer.converged()) internal::doubt_stillness(view(answers[k]), options_, elsewhere[k].seen, answer);
   }
+  const double ms = time.ms() / static_cast<double>(std::max<size_t>(answers.size(), 1));
+  for (const Candidate& c : answers) c.result->stages.push_back({"rivals", c.result->T_10, 0, ms});
 }
 
 }  // namespace iclk

@@ -136,7 +136,7 @@ class Refiner {
   void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
   void run_rounds(std::span<const Pair> pairs, std::span<Candidate> candidates);
   void conclude(const Pair& pair, Candidate& candidate) const;
-  void question(std::span<const Pair> pairs, std::span<const Candidate> answers);
+  void question(std::span<const Pair> pairs, std::span<const Candidate> all);
 
   Aligner& aligner_;
   std::unique_ptr<FeatureAligner> feature_aligner_;

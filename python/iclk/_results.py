@@ -21,7 +21,7 @@ class Attempt(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """The pose as a stage left it: "iclk", "feature_alignment", "pose", "structure"."""
+    """The pose as a stage left it: "iclk", "feature_alignment", "pose", "structure", "rivals"."""
 
     name: str
     T_10: Floats  #: 4 x 4
