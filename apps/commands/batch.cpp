@@ -259,7 +259,11 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
   if (errors > 0 && remaining == 0)
     spdlog::warn("{} status \"error\": see \"reason\" in the results; --retry runs {} again",
                  errors == 1 ? "1 pair has" : std::to_string(errors) + " pairs have", errors == 1 ? "it" : "them");
-  exit = outcome.stopped ? kStoppedBy + static_cast<int>(g_signal) : errors > 0 ? kSomePairsFailed : kConverged;
+  const bool none = tally.total() > 0 && tally.count("converged") == 0;
+  exit = outcome.stopped ? kStoppedBy + static_cast<int>(g_signal)
+         : errors > 0    ? kSomePairsFailed
+         : none          ? kDiverged
+                         : kConverged;
 }
 
 }  // namespace

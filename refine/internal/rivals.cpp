@@ -27,7 +27,6 @@ constexpr int kSample = int{ICLK_ELSEWHERE_SAMPLE};      // features that are lo
 constexpr double kExplained = ICLK_ELSEWHERE_EXPLAINED;  // share that leaves little to another pose,
 constexpr double kAlike = 0.15;                          // unless so many look like another place
 constexpr int kHypotheses = 512;
-constexpr double kSupport = 0.25;  // of the answer's inliers: so many places agree with a pose that is tried
 
 using Scores = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -113,9 +112,9 @@ struct Candidates {
   std::vector<Correspondence> moved;  // the best places of features that do not agree with the answer
 };
 
-/// Poses on which places `from` and at least so many of all agree; places that one explains are left out for the next.
+/// Poses on which places `from` agree; places that one explains are left out for the next.
 void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& camera, double mean_q, const MatchLayout& layout,
-             int most, double least, std::vector<SE3>& poses) {
+             int most, std::vector<SE3>& poses) {
   std::stable_sort(from.begin(), from.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
   for (int k = 0; k < most; ++k) {
     const std::optional<SE3> T = pose_of(from, camera, mean_q, layout, kHypotheses, 0);
@@ -124,8 +123,6 @@ void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& c
       const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
       return X.z() > 0 && (camera.project(X) - c.pixel).norm() < 2 * ICLK_MATCH_TOLERANCE * layout.scale;
     };
-    const auto support = std::count_if(all.alike.begin(), all.alike.end(), explained);
-    if (static_cast<double>(support) < least) return;
     poses.push_back(*T);
     std::erase_if(all.moved, explained);
     std::erase_if(all.alike, explained);
@@ -177,9 +174,8 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
         candidates.moved.push_back({point, pixel(found.front().second), found.front().first - next});
     }
   }
-  const double least = kSupport * static_cast<double>(std::count(agree.begin(), agree.end(), true));
-  propose(candidates.moved, candidates, camera, mean_q, layout, most / 2, least, out.poses);
-  propose(candidates.alike, candidates, camera, mean_q, layout, most - static_cast<int>(out.poses.size()), least, out.poses);
+  propose(candidates.moved, candidates, camera, mean_q, layout, most / 2, out.poses);
+  propose(candidates.alike, candidates, camera, mean_q, layout, most - static_cast<int>(out.poses.size()), out.poses);
   return out;
 }
 
