@@ -73,16 +73,16 @@ std::vector<AlignedFeature> straight(const View& view, const RefinedAlignment& r
 
 /// Pose and turn of a target that is bent, if that is proven and no feature is lost by it. Returned is what the turn adds to
 /// the covariance, or the doubt whether it is there.
-Matrix6d unbend(const View& view, const PoseOptions& options, RefinedAlignment& r, PoseResult& pose) {
+Matrix6d unbend(const View& view, const PoseOptions& options, bool guessed, RefinedAlignment& r, PoseResult& pose) {
   const Stopwatch time;
   const std::optional<TurnEstimate> found = pair_turn(view.camera, view.features, r.features, pose.T_10);
   if (!found) return Matrix6d::Zero();
   if (!found->proven(view.camera)) return found->doubt(pose.T_10);
   r.turn = found->turn;
   PoseResult better = refine_pose(view.camera, view.features, straight(view, r), found->T_10, options);
-  // Wrong depths bend a target too. Then one plane, of fewer parameters, explains as much.
+  // Wrong depths bend a target too. Then one plane, of fewer parameters, explains as much. A tracker knows its depths.
   if (!usable(better.status) || better.inliers < pose.inliers ||
-      better.inliers <= internal::plane_inliers(view.features, r.features, options.inlier_distance)) {
+      (!guessed && better.inliers <= internal::plane_inliers(view.features, r.features, options.inlier_distance))) {
     r.turn.reset();
     return found->doubt(pose.T_10);
   }
@@ -143,7 +143,7 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   r.status = verdict.status;
   r.reason = std::move(verdict.reason);
   if (!usable(r.status)) return verdict.compatible;
-  doubt_depths(view, options.pose, r);
+  if (!guessed) doubt_depths(view, options.pose, r);
   return usable(r.status);
 }
 
@@ -298,7 +298,8 @@ void Refiner::conclude(const Pair& pair, Candidate& c) const {
   const View view = view_of(aligner_, pair.reference);
   RefinedAlignment& r = *c.result;
   if (r.rounds == 0) return;
-  const Matrix6d turn_share = options_.rolling_shutter ? unbend(view, options_.pose, r, c.pose) : Matrix6d::Zero();
+  const Matrix6d turn_share =
+      options_.rolling_shutter ? unbend(view, options_.pose, !pair.search, r, c.pose) : Matrix6d::Zero();
   const bool compatible = decide(view, c.pose, options_, !pair.search, r);
   if (!usable(r.status)) {  // T_10 stays ICLK's
     if (options_.keep_unconfirmed && compatible && r.iclk.converged()) {
