@@ -71,6 +71,13 @@ std::vector<AlignedFeature> straight(const View& view, const RefinedAlignment& r
   return features;
 }
 
+/// Aligned features that one homography explains; 0 where they are few, which fit its eight parameters by chance.
+int explained_by_plane(const View& view, const PoseOptions& options, const RefinedAlignment& r) {
+  constexpr int kEnough = 80;
+  if (count_aligned(r.features) < kEnough) return 0;
+  return internal::plane_inliers(view.features, r.features, options.inlier_distance);
+}
+
 /// Pose and turn of a target that is bent, if that is proven and no feature is lost by it. Returned is what the turn adds to
 /// the covariance, or the doubt whether it is there.
 Matrix6d unbend(const View& view, const PoseOptions& options, bool guessed, RefinedAlignment& r, PoseResult& pose) {
@@ -82,7 +89,7 @@ Matrix6d unbend(const View& view, const PoseOptions& options, bool guessed, Refi
   PoseResult better = refine_pose(view.camera, view.features, straight(view, r), found->T_10, options);
   // Wrong depths bend a target too. Then one plane, of fewer parameters, explains as much. A tracker knows its depths.
   if (!usable(better.status) || better.inliers < pose.inliers ||
-      (!guessed && better.inliers <= internal::plane_inliers(view.features, r.features, options.inlier_distance))) {
+      (!guessed && better.inliers <= explained_by_plane(view, options, r))) {
     r.turn.reset();
     return found->doubt(pose.T_10);
   }
@@ -111,10 +118,10 @@ Shown shown(const View& view, std::span<const AlignedFeature> features, const SE
 /// Where residuals are larger than positions are ever off by, and one plane explains as many features as the depths do, the
 /// depths say nothing: they are another frame's, mirrored, constant.
 void doubt_depths(const View& view, const PoseOptions& options, RefinedAlignment& r) {
-  constexpr double kFits = 0.8;  // share of the aligned features
+  constexpr double kFits = 0.8, kMore = 1.02;  // shares of the aligned features, and of the inliers
   if (!(r.sigma > options.max_sigma) || r.inliers >= kFits * r.aligned) return;
-  const int flat = internal::plane_inliers(view.features, r.features, options.inlier_distance);
-  if (flat < r.inliers) return;
+  const int flat = explained_by_plane(view, options, r);
+  if (flat < kMore * r.inliers) return;
   r.status = Status::diverged;
   r.reason = "the depths do not fit the images: one plane explains " + std::to_string(flat) + " features, they explain " +
              std::to_string(r.inliers) + "; " + r.reason;

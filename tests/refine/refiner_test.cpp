@@ -128,9 +128,9 @@ TEST_F(Refine, ConvergesCloserThanIclk) {
   ASSERT_EQ(r.status, Status::converged) << r.reason;
   EXPECT_LT(error(r.T_10), 0.03);
   EXPECT_LE(error(r.T_10), error(r.iclk.T_10) + 0.01);
-  ASSERT_EQ(r.stages.size(), 4u);
-  const char* names[] = {"iclk", "feature_alignment", "pose", "structure"};
-  for (int i = 0; i < 4; ++i) {
+  ASSERT_EQ(r.stages.size(), 5u);
+  const char* names[] = {"iclk", "feature_alignment", "pose", "structure", "rivals"};
+  for (int i = 0; i < 5; ++i) {
     EXPECT_EQ(r.stages[i].name, names[i]);
     EXPECT_GT(r.stages[i].ms, 0);
     EXPECT_GE(r.stages[i].cost, 0);
