@@ -16,7 +16,7 @@ def test_the_pose_is_right(scene: Scene, device: str | None) -> None:
     assert scene.error(r.T_10) < 0.05
     assert r.aligned.sum() > 80 and r.uv.shape == scene.uv.shape
     assert r.model == "classical" and r.attempts[-1].status == "converged"
-    assert [s.name for s in r.stages] == ["iclk", "feature_alignment", "pose"]
+    assert [s.name for s in r.stages] == ["iclk", "feature_alignment", "pose", "rivals"]
     np.testing.assert_array_equal(r.T_10[3], (0, 0, 0, 1))
     # The covariance speaks of this error.
     assert np.all(np.linalg.eigvalsh(r.covariance) > 0)
