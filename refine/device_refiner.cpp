@@ -31,13 +31,12 @@ void doubt(const shaders::RefinedInfo& info, const Features& features, const Cam
   for (uint32_t k = 0; k < info.rival_count; ++k)
     r.rivals.push_back({unpack_pose(info.rivals + 12 * k), static_cast<int>(info.rival_inliers[k])});
   if (!r.rivals.empty()) {
-    r.reason = std::to_string(r.rivals.front().inliers) +
-               " features agree on another pose, which explains the images as well: " + r.reason;
+    r.reason = internal::rival_text(r.rivals.front().inliers) + r.reason;
     return;
   }
   r.fixed = internal::still(camera, features, r, options.pose.inlier_distance);
-  r.reason = std::to_string(info.standing) + " features of " + std::to_string(r.refined ? r.inliers : features.size()) +
-             " stand still and may be fixed to the camera, while " + std::to_string(info.seen) + " are seen elsewhere; " +
+  r.reason = internal::stillness_text(static_cast<int>(info.standing), r.refined ? r.inliers : features.size(),
+                                      static_cast<int>(info.seen)) +
              r.reason;
 }
 
@@ -125,8 +124,8 @@ class DeviceRecording : public DeviceRefiner::Recording {
     if (std::find(chosen.begin(), chosen.end(), true) != chosen.end()) kept = aligned->read_features();
     std::vector<RefinedAlignment> results;
     for (size_t i = 0; i < iclk.size(); ++i)
-      results.push_back(unpack(info[i], found + i * max_features, std::move(iclk[i]),
-                               chosen[i] ? kept[i] : given[i], cameras[i], searched[i], options));
+      results.push_back(unpack(info[i], found + i * max_features, std::move(iclk[i]), chosen[i] ? kept[i] : given[i],
+                               cameras[i], searched[i], options));
     return results;
   }
 
@@ -232,8 +231,7 @@ DeviceRefiner::DeviceRefiner(DeviceAligner& aligner, const RefinerOptions& optio
 DeviceRefiner::~DeviceRefiner() = default;
 
 std::unique_ptr<DeviceRefiner::Recording> DeviceRefiner::make_recording(int max_pairs) {
-  return std::make_unique<DeviceRecording>(impl_->aligner, impl_->options, max_pairs, impl_->arena_size,
-                                           impl_->rivals.get());
+  return std::make_unique<DeviceRecording>(impl_->aligner, impl_->options, max_pairs, impl_->arena_size, impl_->rivals.get());
 }
 
 namespace {

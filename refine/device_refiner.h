@@ -13,7 +13,8 @@ namespace iclk {
 /// pose, all on the device. The pose is refine_pose()'s in single precision: the same loss, whitening, estimate of what the
 /// positions are off by, and proof of a rolling shutter; Ceres on the host (Refiner) is the reference.
 /// Where StartSearch::matching is on, rivals of an answer are looked for as Refiner does, ICLK_RIVALS at most. Not here:
-/// structure, and the target in other grey values than luma's (Recolouring). One thread at a time.
+/// structure, the target in other grey values than luma's (Recolouring), and doubt of depths that fit no better than a plane.
+/// One thread at a time.
 class DeviceRefiner {
  public:
   /// `aligner` must outlive the refiner and be of Solver::device. Allocates the kernels, and with a model the grey maps that

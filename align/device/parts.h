@@ -53,7 +53,7 @@ struct DeviceParts {
   static std::unique_ptr<GreyMaps> make_grey_maps(const DeviceAligner& aligner, bool recolour = true);
   /// Features that the device chooses in this slot; 0 where the host has given them.
   static uint32_t chosen_features(const DeviceAligner& aligner, int slot);
-  /// Starts by matching, or false where the plan has none, and the memory that it works on.
+  /// The search by matching, which is false where the plan has none; and the memory that it works on.
   static const DeviceMatching& matching(const DeviceAligner& aligner);
   static const engine::Workspace& memory(const DeviceAligner& aligner);
   /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/align/jacobian.comp.

@@ -292,10 +292,7 @@ void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAli
   answer.rivals = std::move(others);
   answer.status = Status::ambiguous;
   answer.covariance.setZero();
-  answer.reason = std::to_string(answer.rivals.front().inliers) +
-                  " features agree on another pose, which explains the images as "
-                  "well: " +
-                  answer.reason;
+  answer.reason = rival_text(answer.rivals.front().inliers) + answer.reason;
 }
 
 void prefer_confirmed(std::span<RefinedAlignment> rivals, RefinedAlignment& answer) {
@@ -315,10 +312,16 @@ void doubt_stillness(const View& view, const RefinerOptions& options, int seen, 
   answer.fixed = std::move(fixed);
   answer.status = Status::ambiguous;
   answer.covariance.setZero();
-  answer.reason = std::to_string(standing) + " features of " + std::to_string(inliers) +
-                  " stand still and may be fixed to the "
-                  "camera, while " +
-                  std::to_string(seen) + " are seen elsewhere; " + answer.reason;
+  answer.reason = stillness_text(standing, inliers, seen) + answer.reason;
+}
+
+std::string rival_text(int inliers) {
+  return std::to_string(inliers) + " features agree on another pose, which explains the images as well: ";
+}
+
+std::string stillness_text(int standing, int inliers, int seen) {
+  return std::to_string(standing) + " features of " + std::to_string(inliers) +
+         " stand still and may be fixed to the camera, while " + std::to_string(seen) + " are seen elsewhere; ";
 }
 
 }  // namespace iclk::internal

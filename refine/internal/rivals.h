@@ -1,5 +1,6 @@
 #pragma once
 #include <span>
+#include <string>
 #include <vector>
 
 #include <iclk/align/aligner.h>
@@ -56,5 +57,9 @@ void prefer_confirmed(std::span<RefinedAlignment> rivals, RefinedAlignment& answ
 
 /// What stands still while other features are `seen` elsewhere may be fixed to the camera: a caption, the own vehicle, dirt.
 void doubt_stillness(const View& view, const RefinerOptions& options, int seen, RefinedAlignment& answer);
+
+/// What these two say before the reason of an answer that they doubt.
+std::string rival_text(int inliers);
+std::string stillness_text(int standing, int inliers, int seen);
 
 }  // namespace iclk::internal
