@@ -1,5 +1,6 @@
 #include <iclk/session/detect.h>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cmath>
@@ -101,6 +102,18 @@ TEST(Detect, CornersAreFound) {
                  dv = std::min(std::abs(uv.y() - 79.5), std::abs(uv.y() - 129.5));
     EXPECT_LT(std::max(du, dv), 5) << uv.transpose();
   }
+}
+
+TEST(Detect, EveryPartGivesItsBestCornersButNoneTooWeakToAlign) {
+  const cv::Mat depth(240, 320, CV_32FC1, cv::Scalar(2)), noise = noise_image(320, 240);
+  const auto right_of = [&](double contrast) {  // features in the right half, whose contrast is a share of the left one's
+    cv::Mat image = noise.clone(), right = image(cv::Rect(160, 0, 160, 240));
+    right.convertTo(right, CV_8U, contrast, 127);
+    const Features f = detect_features(image, depth, {}, options_of(Detector::shi_tomasi, 100));
+    return std::count_if(f.uv.begin(), f.uv.end(), [](const Eigen::Vector2d& uv) { return uv.x() >= 164; });
+  };
+  EXPECT_GT(right_of(0.05), 35) << "weak corners have their share";
+  EXPECT_EQ(right_of(0.004), 0) << "one grey level is no texture for feature alignment";
 }
 
 TEST(Detect, NothingToFindIsNotAnError) {
