@@ -1,7 +1,10 @@
 // What another pose explains as well is no claim: walls of tiles, captions, own vehicles, things that move by themselves.
+#include <algorithm>
+
 #include <gtest/gtest.h>
 #include <iclk/align/cpu_aligner.h>
 #include <iclk/refine/cascade.h>
+#include <iclk/refine/internal/rivals.h>
 
 #include "rival_scenes.h"
 
@@ -98,6 +101,48 @@ TEST(Rivals, WhatMovesByItselfIsNotTheScene) {
     if (r.converged()) {
       EXPECT_LT(error(r.T_10, truth), 1) << half << " m: " << r.reason;
     }
+  }
+}
+
+/// A pose on which some of the features agree, and nothing is found of the others.
+RefinedAlignment claim(const Features& features, const SE3& T_10, const std::vector<bool>& agree) {
+  RefinedAlignment r;
+  r.T_10 = T_10;
+  r.status = Status::converged;
+  r.refined = true;
+  r.stages.push_back({"iclk", T_10, 0, 0});
+  r.inliers = static_cast<int>(std::count(agree.begin(), agree.end(), true));
+  r.features.resize(agree.size());
+  for (size_t i = 0; i < agree.size(); ++i) {
+    r.features[i].status = agree[i] ? FeatureStatus::aligned : FeatureStatus::bad_match;
+    if (agree[i]) r.features[i].uv1 = kCamera.project(T_10 * (kCamera.ray(features.uv[i]) / features.inverse_depth[i]));
+  }
+  return r;
+}
+
+TEST(Rivals, TheSceneSurroundsWhatMovesInIt) {
+  const SE3 scene = sideways(0.2, 0.05), other = sideways(-0.25, -0.15);
+  for (const bool together : {true, false}) {  // the features of the rival: on a thing, or all over the view
+    Features features = lattice(kDistance);
+    std::vector<bool> is_scene(features.uv.size(), true);
+    std::mt19937 random(1);
+    for (size_t i = 0, spread = is_scene.size() / 2; i < spread; ++i) {
+      const Eigen::Vector2d at(random() % 1000 / 1000.0, random() % 1000 / 1000.0);
+      const Eigen::Vector2d uv = together ? Eigen::Vector2d(130 + 60 * at.x(), 90 + 60 * at.y())
+                                          : Eigen::Vector2d(16 + 288 * at.x(), 16 + 208 * at.y());
+      features.uv.push_back(uv);
+      features.inverse_depth.push_back(1 / kDistance);
+      is_scene.push_back(false);
+    }
+    std::vector<bool> is_other = is_scene;
+    is_other.flip();
+    const std::vector<FeatureCheck> checks(features.uv.size(), FeatureCheck::ok);
+    RefinedAlignment answer = claim(features, scene, is_scene);
+    std::vector<RefinedAlignment> rivals = {claim(features, other, is_other)};
+    internal::weigh({kCamera, features, checks}, RefinerOptions(), rivals, answer);
+    EXPECT_EQ(answer.status, together ? Status::converged : Status::ambiguous) << answer.reason;
+    EXPECT_EQ(answer.rivals.size(), together ? 0u : 1u);
+    EXPECT_EQ(answer.T_10.matrix(), scene.matrix());
   }
 }
 
