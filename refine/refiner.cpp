@@ -360,7 +360,7 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
     if (answer.converged()) internal::doubt_stillness(view(answers[k]), options_, elsewhere[k].seen, answer);
   }
   const double ms = time.ms() / static_cast<double>(std::max<size_t>(answers.size(), 1));
-  for (const Candidate& c : answers) c.result->stages.push_back({"rivals", c.result->T_10, 0, ms});
+  for (const Candidate& c : answers) c.result->stages.push_back({"rivals", c.result->T_10, c.result->stages.back().cost, ms});
 }
 
 }  // namespace iclk
