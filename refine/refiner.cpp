@@ -20,6 +20,7 @@ namespace iclk {
 namespace {
 
 constexpr int kRivals = 6;  // poses that are tried beside an answer
+constexpr double kWorthARound = 0.2;  // inliers of one, of those of the answer, that a further round may turn into a rival
 
 class Stopwatch {
  public:
@@ -287,7 +288,7 @@ void Refiner::run_rounds(std::span<const Pair> pairs, std::span<Candidate> candi
       pose_stage.ms += pose_time.ms();
       c.pose = pose;
       // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
-      if (pose.inliers < options_.pose.min_features) return;
+      if (pose.inliers < std::max(options_.pose.min_features, c.least)) return;
       const std::vector<double> moved = internal::motions(view(c), c.T_10, pose.T_10);
       c.T_10 = pose.T_10;
       const bool recoloured = found.weights != r.recolouring.weights;
@@ -345,7 +346,8 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> a
     for (size_t j = 0; j < found[k].size(); ++j) {
       found[k][j].iclk.T_10 = found[k][j].T_10 = elsewhere[k].poses[j];
       found[k][j].inverse_depth = answers[k].result->inverse_depth;
-      rivals.push_back({answers[k].pair, &found[k][j], elsewhere[k].poses[j], {}});
+      const int least = static_cast<int>(kWorthARound * answers[k].result->inliers);
+      rivals.push_back({answers[k].pair, &found[k][j], elsewhere[k].poses[j], {}, least});
     }
   }
   run_rounds(pairs, rivals);

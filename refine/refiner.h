@@ -132,6 +132,7 @@ class Refiner {
     RefinedAlignment* result = nullptr;
     SE3 T_10;  ///< warps the next round
     PoseResult pose;
+    int least = 0;  ///< inliers; with fewer there is no further round
   };
   void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
   void run_rounds(std::span<const Pair> pairs, std::span<Candidate> candidates);

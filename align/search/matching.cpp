@@ -53,30 +53,27 @@ double peak(float before, float here, float after) {
 }
 
 // How well poses agree with correspondences; shaders/search/match_cost.glsl.
-struct Agreeing {
-  const std::vector<Correspondence>& all;
-  const Camera& camera;
-  double tolerance;
-
-  Vector2d residual(const SE3& T, size_t k, Vector3d& seen) const {
-    seen = T * all[k].point;
-    return seen.z() > ICLK_LEAST_DEPTH ? all[k].pixel - camera.project(seen) : Vector2d(1e9, 1e9);
+class Agreeing {
+ public:
+  Agreeing(const std::vector<Correspondence>& correspondences, const Camera& of, double pixels)
+      : all(correspondences), camera(of), tolerance(pixels), columns(static_cast<Eigen::Index>(all.size()), 5) {
+    for (Eigen::Index k = 0; k < columns.rows(); ++k) {
+      const Correspondence& c = all[static_cast<size_t>(k)];
+      const Vector2d from_centre = c.pixel - Vector2d(camera.cx, camera.cy);
+      columns.row(k) << c.point.transpose().cast<float>(), from_centre.transpose().cast<float>();
+    }
+    const Eigen::Index stride = std::max<Eigen::Index>(columns.rows() / kEnough, 1);
+    some.resize((columns.rows() + stride - 1) / stride, 5);
+    for (Eigen::Index k = 0; k < some.rows(); ++k) some.row(k) = columns.row(k * stride);
   }
 
   struct Cost {
     double cost = 0;
     int inliers = 0;
   };
-  Cost cost(const SE3& T) const {
-    Cost c;
-    for (size_t k = 0; k < all.size(); ++k) {
-      Vector3d seen;
-      const double e = residual(T, k, seen).squaredNorm() / (tolerance * tolerance);
-      c.cost += e < 1 ? e : 1;
-      c.inliers += e < 1;
-    }
-    return c;
-  }
+  Cost cost(const SE3& T) const { return cost(T, columns); }
+  /// Of some of them: enough to tell hypotheses apart.
+  Cost rough_cost(const SE3& T) const { return cost(T, some); }
 
   // One Gauss-Newton step with Tukey's weights, T <- Exp(xi) T.
   SE3 refined(const SE3& T) const {
@@ -100,6 +97,35 @@ struct Agreeing {
     moved.orthonormalize();
     return moved;
   }
+
+ private:
+  Vector2d residual(const SE3& T, size_t k, Vector3d& seen) const {
+    seen = T * all[k].point;
+    return seen.z() > ICLK_LEAST_DEPTH ? all[k].pixel - camera.project(seen) : Vector2d(1e9, 1e9);
+  }
+
+  using Columns = Eigen::Array<float, Eigen::Dynamic, 5>;  // point, pixel from the principal point
+  static constexpr Eigen::Index kEnough = 256;
+
+  // Column by column, so that the processor does several at once: hundreds of hypotheses wait for it.
+  Cost cost(const SE3& T, const Columns& of) const {
+    const Eigen::Matrix3f R = T.R.cast<float>();
+    const Eigen::Vector3f t = T.t.cast<float>();
+    const auto X = [&](int i) {
+      return R(i, 0) * of.col(0) + R(i, 1) * of.col(1) + R(i, 2) * of.col(2) + t[i];
+    };
+    const auto fx = static_cast<float>(camera.fx), fy = static_cast<float>(camera.fy);
+    const Eigen::ArrayXf z = X(2), per_z = z.inverse();
+    const Eigen::ArrayXf squared = (of.col(3) - fx * X(0) * per_z).square() + (of.col(4) - fy * X(1) * per_z).square();
+    const float unit = 1 / static_cast<float>(tolerance * tolerance);
+    const Eigen::ArrayXf e = (z > float{ICLK_LEAST_DEPTH}).select((unit * squared).min(1.0f), 1.0f);
+    return {static_cast<double>(e.sum()), static_cast<int>((e < 1).count())};
+  }
+
+  const std::vector<Correspondence>& all;
+  const Camera& camera;
+  double tolerance;
+  Columns columns, some;
 };
 
 }  // namespace
@@ -261,7 +287,7 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
                            const MatchLayout& layout, int hypotheses, double share_of_all) {
   const auto count = static_cast<uint32_t>(all.size());
   if (count < 4 || repeats(all) >= ICLK_MATCH_REPEATS) return {};
-  const Agreeing agreeing{all, camera, ICLK_MATCH_TOLERANCE * layout.scale};
+  const Agreeing agreeing(all, camera, ICLK_MATCH_TOLERANCE * layout.scale);
   struct Hypothesis {
     SE3 T;
     double cost = 1e30;
@@ -276,7 +302,7 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
       double before = 0, after = 0;
       for (const Vector3d& X : points) before += X.norm(), after += (T * X).norm();
       if (!(after < ICLK_MATCH_NEARER * before && ICLK_MATCH_NEARER * after > before)) continue;
-      if (const double cost = agreeing.cost(T).cost; cost < share.cost) share = {T, cost};
+      if (const double cost = agreeing.rough_cost(T).cost; cost < share.cost) share = {T, cost};
     }
   }
   std::optional<SE3> start;

@@ -27,6 +27,8 @@ constexpr int kSample = int{ICLK_ELSEWHERE_SAMPLE};      // features that are lo
 constexpr double kExplained = ICLK_ELSEWHERE_EXPLAINED;  // share that leaves little to another pose,
 constexpr double kAlike = 0.15;                          // unless so many look like another place
 constexpr int kHypotheses = 512;
+constexpr float kAsMuch = 0.1f;         // the score elsewhere may be so much lower
+constexpr double kLeastSupport = 0.35;  // of a pose that is worth aligning
 
 using Scores = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -48,14 +50,20 @@ std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::
                                                   const Vector2d& own) {
   std::vector<std::pair<float, int>> cells;  // the best of each few pixels squared
   const float least = std::max(kLeastScore, scores.maxCoeff() - kWorse);
-  for (int v0 = 0; v0 < layout.places_y; v0 += kApart)
+  for (int v0 = 0; v0 < layout.places_y; v0 += kApart) {
+    const int rows = std::min(kApart, layout.places_y - v0);
+    Eigen::RowVectorXf most = scores.segment(v0 * layout.places_x, layout.places_x);
+    for (int v = v0 + 1; v < v0 + rows; ++v) most = most.cwiseMax(scores.segment(v * layout.places_x, layout.places_x));
     for (int u0 = 0; u0 < layout.places_x; u0 += kApart) {
+      const int columns = std::min(kApart, layout.places_x - u0);
+      if (!(most.segment(u0, columns).maxCoeff() > least)) continue;
       std::pair<float, int> best{least, -1};
-      for (int v = v0; v < std::min(v0 + kApart, layout.places_y); ++v)
-        for (int u = u0; u < std::min(u0 + kApart, layout.places_x); ++u)
+      for (int v = v0; v < v0 + rows; ++v)
+        for (int u = u0; u < u0 + columns; ++u)
           if (const int k = v * layout.places_x + u; scores[k] > best.first) best = {scores[k], k};
-      if (best.second >= 0) cells.push_back(best);
+      cells.push_back(best);
     }
+  }
   std::sort(cells.begin(), cells.end(), std::greater<>());
   std::vector<std::pair<float, Vector2d>> out;
   for (const auto& [score, k] : cells) {
@@ -74,21 +82,21 @@ std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::
   return out;
 }
 
-/// The best score of the places next to a pixel of the map.
-float score_near(const Eigen::Ref<const Eigen::RowVectorXf>& scores, const MatchLayout& layout, const Vector2d& at) {
-  const auto u0 = static_cast<int>(std::lround(at.x() - 3.5)), v0 = static_cast<int>(std::lround(at.y() - 3.5));
-  float best = -1;
-  for (int v = std::max(v0 - 1, 0); v <= std::min(v0 + 1, layout.places_y - 1); ++v)
-    for (int u = std::max(u0 - 1, 0); u <= std::min(u0 + 1, layout.places_x - 1); ++u)
-      best = std::max(best, scores[v * layout.places_x + u]);
-  return best;
-}
-
 struct Sought {
   size_t feature;
   Vector2d own;  // where the answer puts it, pixels of the map
   Eigen::Matrix<float, 1, kNumbers> descriptor;
 };
+
+/// The best score of the places next to a pixel of the map.
+float score_near(const Sought& sought, const PlaceDescriptors& places, const MatchLayout& layout, const Vector2d& at) {
+  const auto u0 = static_cast<int>(std::lround(at.x() - 3.5)), v0 = static_cast<int>(std::lround(at.y() - 3.5));
+  float best = -1;
+  for (int v = std::max(v0 - 1, 0); v <= std::min(v0 + 1, layout.places_y - 1); ++v)
+    for (int u = std::max(u0 - 1, 0); u <= std::min(u0 + 1, layout.places_x - 1); ++u)
+      best = std::max(best, sought.descriptor.dot(places.col(v * layout.places_x + u)));
+  return best;
+}
 
 /// In an order in which the first ones are spread over all.
 std::vector<Sought> seek(const Map& map0, const Camera& camera, const Features& features, std::span<const FeatureCheck> checks,
@@ -129,6 +137,24 @@ void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& c
   }
 }
 
+/// Features that look as much like where a pose puts them as like where the answer does, for each that looks like the latter.
+/// Those that both put at one place say nothing.
+double support(const std::vector<Sought>& sought, const PlaceDescriptors& places, const MatchLayout& layout,
+               const Camera& camera, const Features& features, const SE3& T_10) {
+  int answer = 0, pose = 0;
+  for (const Sought& s : sought) {
+    const PatchWarp warp = warp_patch(camera, features.uv[s.feature], features.inverse_depth[s.feature], T_10);
+    if (!warp.valid) continue;
+    const Vector2d at = to_map(warp.uv1, layout.scale);
+    if ((at.array() < 3).any() || at.x() > layout.width - 4 || at.y() > layout.height - 4) continue;
+    if ((at - s.own).lpNorm<Eigen::Infinity>() <= 1) continue;
+    const float here = score_near(s, places, layout, s.own), there = score_near(s, places, layout, at);
+    answer += here > kLeastScore;
+    pose += there > std::max(kLeastScore, here - kAsMuch);
+  }
+  return static_cast<double>(pose) / std::max(answer, 1);
+}
+
 MatchLayout layout_for(const Camera& camera) {
   AlignerOptions options;
   options.search.enabled = options.search.matching = true;
@@ -163,7 +189,7 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
       const Sought& s = sought[first + static_cast<size_t>(k)];
       const auto found = places_of(scores.row(k), layout, s.own);
       if (found.empty()) continue;
-      const float here = score_near(scores.row(k), layout, s.own);
+      const float here = score_near(s, places, layout, s.own);
       alike += found.front().first > here - kWorse;
       out.seen += !agree[s.feature] && found.front().first > kClear && found.front().first > here + kClearlyBetter;
       const Eigen::Vector3d point = camera.ray(features.uv[s.feature]) * (mean_q / features.inverse_depth[s.feature]);
@@ -176,6 +202,7 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
   }
   propose(candidates.moved, candidates, camera, mean_q, layout, most / 2, out.poses);
   propose(candidates.alike, candidates, camera, mean_q, layout, most - static_cast<int>(out.poses.size()), out.poses);
+  std::erase_if(out.poses, [&](const SE3& T) { return support(sought, places, layout, camera, features, T) < kLeastSupport; });
   return out;
 }
 
