@@ -34,7 +34,7 @@ using uint = uint32_t;
 // along it. Right poses have 0.07 and more, those of one edge 0.005 at most.
 #define ICLK_LEAST_WIDTH 0.02
 // Share of the aligned features that agree on a pose that was searched for: fewer speak against it.
-#define ICLK_REFUTED_SHARE 0.6
+#define ICLK_REFUTED_SHARE 0.68
 
 // Feature alignment: all features of one pair, warped by one pose.
 struct FeatureTask {
