@@ -15,6 +15,7 @@
 #include <iclk/session/io/output.h>
 #include <iclk/session/io/text.h>
 
+#include "apps/common/options.h"
 #include "apps/common/refuse.h"
 #include "apps/io/json.h"
 
@@ -107,14 +108,8 @@ std::string ResultsJournal::check_header(std::string_view line, const Manifest& 
   if (text("version") != options.version)
     return "was begun by " + text("version") + ", this is " + options.version +
            ": results of two versions do not belong together";
-  const Json given = header.value("options", Json::object());
-  for (const auto& [name, value] : options.run.items()) {
-    const auto old = given.find(name);
-    if (old == given.end() || *old == value) continue;
-    const auto shown = [](const Json& v) { return v.is_string() ? v.get<std::string>() : v.dump(); };
-    return "was begun with " + name + " '" + shown(*old) + "', now it is '" + shown(value) + "': give the same to continue";
-  }
-  return "";
+  const std::string other = other_option(header.value("options", Json::object()), options.run);
+  return other.empty() ? "" : "was " + other + ": give the same to continue";
 }
 
 Json ResultsJournal::read_head(std::string_view line, int number) const {

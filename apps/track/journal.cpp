@@ -18,6 +18,8 @@
 #include <iclk/session/io/pose_text.h>
 #include <iclk/session/io/text.h>
 
+#include "apps/common/options.h"
+#include "apps/common/refuse.h"
 #include "apps/track/output.h"
 
 namespace iclk {
@@ -50,7 +52,8 @@ FileLock::FileLock(const std::string& path, const std::string& held)
 
 FileLock::~FileLock() { ::close(file_); }
 
-Journal::Journal(const std::string& folder, const std::string& key, bool fresh, Tracker& tracker) : key_(key) {
+Journal::Journal(const std::string& folder, nlohmann::ordered_json options, bool fresh, Tracker& tracker)
+    : options_(std::move(options)) {
   if (folder.empty()) return;
   const auto path = [&](const char* name) { return (fs::path(folder) / name).string(); };
   state_path_ = path("stopped.state");
@@ -70,10 +73,9 @@ void Journal::restore(const std::string& folder, Tracker& tracker) {
   const size_t end = bytes.find('\n');
   try {
     const auto head =
-        nlohmann::json::parse(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(std::min(end, bytes.size())));
-    if (head.at("key") != key_)
-      throw Error(ErrorCode::invalid_argument,
-                  folder + " holds a run with other options that was stopped: give those, another --out, or --fresh");
+        nlohmann::ordered_json::parse(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(std::min(end, bytes.size())));
+    if (const std::string other = other_option(head.at("options"), options_); !other.empty())
+      refuse(folder + " holds a stopped run " + other + ": give the same to continue, another --out, or --fresh");
     lines_size_ = head.at("frames_jsonl");
     live_size_ = head.at("live_txt");
     counts_ = {head.at("seconds"), head.at("without_depth"), head.at("unreadable"), head.at("first_problem")};
@@ -111,7 +113,7 @@ TrackResult Journal::add(const TrackResult& result, const TrackCounts& counts, c
 
 void Journal::save(const Tracker& tracker) {
   const auto start = std::chrono::steady_clock::now();
-  const nlohmann::ordered_json head{{"key", key_},
+  const nlohmann::ordered_json head{{"options", options_},
                                     {"frames_jsonl", lines_size_},
                                     {"live_txt", live_size_},
                                     {"seconds", counts_.seconds},

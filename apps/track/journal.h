@@ -5,6 +5,8 @@
 #include <string>
 #include <vector>
 
+#include <nlohmann/json.hpp>
+
 #include <iclk/track/tracker.h>
 
 #include "apps/track/run.h"
@@ -28,10 +30,11 @@ class FileLock {
 /// knows, from which a killed run goes on. Locked against a second run. With an empty folder nothing is written.
 class Journal {
  public:
-  /// `key`: of the options; a stopped run that finds another key is not continued but an Error(invalid_argument) that says what
-  /// to do. `fresh`: begins anew all the same. Continuing, `tracker` is restored, and what was written after its state was is
-  /// cut off. Throws Error(io), also where another run writes there, and Error(invalid_argument) for a broken state.
-  Journal(const std::string& folder, const std::string& key, bool fresh, Tracker& tracker);
+  /// `options`: what the results depend on, by name. A stopped run with other ones is not continued: Error(invalid_argument)
+  /// names the one that differs. `fresh`: begins anew all the same. Continuing, `tracker` is restored, and what was written
+  /// after its state is cut off. Throws Error(io), also where another run writes there, and Error(invalid_argument) for a
+  /// broken state.
+  Journal(const std::string& folder, nlohmann::ordered_json options, bool fresh, Tracker& tracker);
 
   /// Of a run that goes on: what it had. Empty at a beginning.
   const std::vector<TrackResult>& results() const { return results_; }
@@ -48,7 +51,8 @@ class Journal {
 
   void restore(const std::string& folder, Tracker& tracker);
 
-  std::string state_path_, lines_path_, live_path_, key_;
+  std::string state_path_, lines_path_, live_path_;
+  nlohmann::ordered_json options_;
   std::optional<FileLock> lock_;
   std::ofstream lines_, live_;
   uint64_t lines_size_ = 0, live_size_ = 0;

@@ -7,7 +7,7 @@
 #include <map>
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/output.h>
@@ -26,19 +26,32 @@ constexpr int kReadoutFrames = 100;
 
 std::string absolute(const std::string& path) { return path.empty() ? path : std::filesystem::absolute(path).string(); }
 
-/// What must be the same for a run to be continued.
-std::string key_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
+/// What must be the same for a run to be continued, under the names that the command line has for it.
+nlohmann::ordered_json options_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
   const Camera& c = frames.camera();
   const FramesOptions& f = options.frames;
-  return fmt::format(
-      "{} {} first {} stride {} camera {} {} {} {} {} {} distorted {} {} scale {} model {} solver {} tracker {} {} {} {} {} "
-      "{} {} {} {} {} {} {} seeds {} depth {} {} {} rate {} mask {} ray {}",
-      version(), absolute(f.folder), f.first, f.stride, c.fx, c.fy, c.cx, c.cy, c.width, c.height,
-      static_cast<int>(frames.distortion().model), fmt::join(frames.distortion().k, ","), f.depth_scale, options.model,
-      static_cast<int>(options.solver), tracker.detector.count, tracker.depth_noise.constant, tracker.depth_noise.relative,
-      tracker.keyframes, tracker.window, tracker.min_visible, tracker.max_flow, tracker.min_inliers, tracker.readout,
-      tracker.weak_correlation, tracker.weak_motion, tracker.min_sharpness, tracker.seeds, f.depth_every, f.depth_holes,
-      absolute(f.depth), f.rate, absolute(f.mask), f.depth_along_ray);
+  return {{"version", version()},
+          {"FOLDER", absolute(f.folder)},
+          {"--first", f.first},
+          {"--stride", f.stride},
+          {"--rate", f.rate},
+          {"--camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
+          {"--distortion", {static_cast<int>(frames.distortion().model), frames.distortion().k}},
+          {"--depth", absolute(f.depth)},
+          {"--depth-scale", f.depth_scale},
+          {"--depth-along-ray", f.depth_along_ray},
+          {"--depth-sigma", {tracker.depth_noise.constant, tracker.depth_noise.relative}},
+          {"--depth-every", f.depth_every},
+          {"--depth-holes", f.depth_holes},
+          {"--mask", absolute(f.mask)},
+          {"--model", options.model},
+          {"--solver", static_cast<int>(options.solver)},
+          {"--count", tracker.detector.count},
+          {"--seeds", tracker.seeds},
+          {"--keyframes", tracker.keyframes},
+          {"--window", tracker.window},
+          {"--min-visible", tracker.min_visible},
+          {"--readout", tracker.readout}};
 }
 
 void write_results(const TrackRunOptions& options, const Tracker& tracker, const Camera& camera,
@@ -112,7 +125,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   report.device = session.context() ? session.device_name() : "CPU";
   report.cpu_unasked = session.cpu_unasked();
   if (!options.out.empty()) make_output_folder(options.out);
-  Journal journal(options.out, key_of(options, frames, how), options.fresh, tracker);
+  Journal journal(options.out, options_of(options, frames, how), options.fresh, tracker);
   TrackCounts& counts = report.counts = journal.counts();
   std::vector<TrackedFrame> tracked;
   const int count = options.most > 0 ? std::min(options.most, frames.size()) : frames.size();

@@ -151,6 +151,7 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
   other.insert(other.end(), {"--window", "5"});
   const Finished refused = run(other);
   EXPECT_EQ(refused.code, 3);
+  EXPECT_NE(refused.err.find("begun with --window '8', now it is '5'"), std::string::npos) << refused.err;
   EXPECT_NE(refused.err.find("--fresh"), std::string::npos) << refused.err;
   // A broken state is said, and nothing is lost.
   const std::string bytes = bytes_of(state), lines = bytes_of(killed + "/frames.jsonl");
