@@ -37,11 +37,8 @@ const std::map<std::string, Setter>& setters() {
                       parse_damping, [](SessionOptions & o) -> auto& { return o.damping; })},
       {"search", word(
                      parse_search, [](SessionOptions & o) -> auto& { return o.search; })},
-      {"search_rotation",
-       [](SessionOptions& o, nb::handle value) { o.start_search.rotation = nb::cast<double>(value) * M_PI / 180; }},
       {"levels", into<std::optional<int>>([](SessionOptions & o) -> auto& { return o.levels; })},
       {"iterations", into<std::optional<int>>([](SessionOptions & o) -> auto& { return o.iterations; })},
-      {"damping_lambda", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.lambda; })},
       {"carry", into<std::optional<double>>([](SessionOptions & o) -> auto& { return o.carry; })},
       {"robust", word(
                      parse_robust, [](SessionOptions & o) -> auto& { return o.robust; })},

@@ -22,7 +22,7 @@ T parse_name(const std::string& name, const char* what, std::initializer_list<st
 }
 
 void set_search(const SessionOptions& options, StartSearch& search) {
-  search = options.start_search;
+  search = {};
   search.matching = options.search != SearchMode::rotations;
   search.enabled = options.search == SearchMode::automatic ? !options.dense : options.search != SearchMode::off;
 }
@@ -36,7 +36,6 @@ ModelStage make_stage(const SessionOptions& options, const std::string& name) {
   aligner.levels = options.levels.value_or(aligner.levels);
   if (one_of_several) aligner.levels = std::min(aligner.levels, made.model->levels());
   aligner.iterations = options.iterations.value_or(aligner.iterations);
-  aligner.lambda = options.lambda.value_or(aligner.lambda);
   aligner.carry = options.carry.value_or(aligner.carry);
   if (options.robust && !one_of_several) aligner.robust = *options.robust;
   aligner.damping = options.damping;

@@ -39,12 +39,11 @@ struct SessionOptions {
   SearchMode search = SearchMode::automatic;
 
   std::optional<int> levels = {}, iterations = {};
-  std::optional<double> lambda = {}, carry = {};
+  std::optional<double> carry = {};
   std::optional<Robust> robust = {};
   std::optional<bool> photometric = {};
   Damping damping = Damping::fixed;
   Precision precision = Precision::fp32;
-  StartSearch start_search = {};  ///< details of the search; `search` sets enabled and matching
   /// Models with options of your own. Unless empty, they replace `model` and all that stands between it and here.
   std::vector<ModelStage> stages = {};
 

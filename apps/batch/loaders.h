@@ -6,7 +6,7 @@
 
 #include "apps/batch/inputs.h"
 #include "apps/batch/pool.h"
-#include "apps/commands/run_options.h"
+#include "apps/session/run_options.h"
 
 namespace iclk {
 

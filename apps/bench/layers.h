@@ -5,7 +5,7 @@
 
 #include <iclk/align/tuning.h>
 
-#include "apps/bench/measure.h"
+#include "apps/common/measure.h"
 
 namespace iclk {
 

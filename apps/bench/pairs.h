@@ -2,7 +2,7 @@
 #include <string>
 #include <vector>
 
-#include "apps/bench/measure.h"
+#include "apps/common/measure.h"
 #include "apps/peers/methods.h"
 
 namespace iclk {

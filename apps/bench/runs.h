@@ -7,8 +7,8 @@
 #include <iclk/engine/timing.h>
 #include <iclk/refine/refiner.h>
 
-#include "apps/bench/measure.h"
 #include "apps/bench/pairs.h"
+#include "apps/common/measure.h"
 #include "apps/peers/methods.h"
 
 namespace iclk {

@@ -4,9 +4,10 @@
 #include <iclk/session/io/pose_text.h>
 
 #include "apps/commands/command.h"
-#include "apps/commands/run_options.h"
+#include "apps/common/not_empty.h"
+#include "apps/pictures/result_files.h"
 #include "apps/session/report.h"
-#include "apps/session/result_files.h"
+#include "apps/session/run_options.h"
 
 namespace iclk {
 namespace {

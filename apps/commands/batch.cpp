@@ -15,8 +15,8 @@
 #include "apps/batch/loaders.h"
 #include "apps/batch/run.h"
 #include "apps/commands/command.h"
-#include "apps/commands/run_options.h"
 #include "apps/session/report.h"
+#include "apps/session/run_options.h"
 #include "apps/version.h"
 
 namespace iclk {

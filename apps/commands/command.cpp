@@ -60,8 +60,6 @@ std::string HelpFormatter::make_option_desc(const CLI::Option* option) const {
   return out;
 }
 
-std::string not_empty(const std::string& value) { return value.empty() ? "the value is empty" : ""; }
-
 void print(std::string_view text) {
   const bool written = std::fwrite(text.data(), 1, text.size(), stdout) == text.size();
   if (!written || std::fflush(stdout) != 0)

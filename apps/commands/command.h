@@ -37,9 +37,6 @@ class HelpFormatter : public CLI::Formatter {
   std::string make_option_desc(const CLI::Option* option) const override;
 };
 
-/// A check for options: an empty value is a shell variable that was never set, not a wish.
-std::string not_empty(const std::string& value);
-
 /// Writes to standard output and makes sure that it arrived. Throws Error(io).
 void print(std::string_view text);
 

@@ -8,10 +8,10 @@
 #include <iclk/session/io/output.h>
 
 #include "apps/commands/command.h"
-#include "apps/commands/run_options.h"
 #include "apps/io/images.h"
+#include "apps/pictures/result_files.h"
 #include "apps/session/report.h"
-#include "apps/session/result_files.h"
+#include "apps/session/run_options.h"
 #include "apps/sets/rendered_pair.h"
 #include "apps/sets/scene.h"
 

@@ -6,8 +6,9 @@
 #include <iclk/session/device.h>
 #include <iclk/session/io/output.h>
 
-#include "apps/bench/measure.h"
 #include "apps/commands/command.h"
+#include "apps/common/measure.h"
+#include "apps/common/not_empty.h"
 #include "apps/depth/figures.h"
 #include "apps/depth/input.h"
 #include "apps/depth/output.h"

@@ -10,6 +10,7 @@
 
 #include "apps/bench/device_tuning.h"
 #include "apps/commands/command.h"
+#include "apps/common/not_empty.h"
 #include "apps/session/run_pairs.h"
 
 namespace iclk {

@@ -8,11 +8,12 @@
 #include "apps/batch/loaders.h"
 #include "apps/batch/progress.h"
 #include "apps/commands/command.h"
-#include "apps/commands/run_options.h"
+#include "apps/common/not_empty.h"
 #include "apps/eval/export.h"
 #include "apps/eval/pictures.h"
 #include "apps/eval/report.h"
 #include "apps/io/images.h"
+#include "apps/session/run_options.h"
 
 namespace iclk {
 namespace {

@@ -6,6 +6,7 @@
 #include <iclk/session/models.h>
 
 #include "apps/commands/command.h"
+#include "apps/common/not_empty.h"
 #include "apps/session/model_info.h"
 
 namespace iclk {

@@ -6,6 +6,7 @@
 
 #include "apps/batch/manifest.h"
 #include "apps/commands/command.h"
+#include "apps/common/not_empty.h"
 #include "apps/sets/render_options.h"
 
 namespace iclk {

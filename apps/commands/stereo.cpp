@@ -6,6 +6,7 @@
 
 #include "apps/batch/progress.h"
 #include "apps/commands/command.h"
+#include "apps/common/not_empty.h"
 #include "apps/session/run_pairs.h"
 #include "apps/stereo/run.h"
 

@@ -7,8 +7,9 @@
 #include <iclk/session/io/text.h>
 
 #include "apps/batch/progress.h"
-#include "apps/bench/measure.h"
 #include "apps/commands/command.h"
+#include "apps/common/measure.h"
+#include "apps/common/not_empty.h"
 #include "apps/session/run_pairs.h"
 #include "apps/track/peers.h"
 #include "apps/track/run.h"

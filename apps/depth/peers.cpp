@@ -11,7 +11,7 @@
 
 #include <iclk/engine/error.h>
 
-#include "apps/bench/measure.h"
+#include "apps/common/measure.h"
 #include "apps/io/images.h"
 #include "apps/io/undistorter.h"
 

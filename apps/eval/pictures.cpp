@@ -6,8 +6,8 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "apps/bench/measure.h"
 #include "apps/common/format.h"
+#include "apps/common/measure.h"
 #include "apps/pictures/drawing.h"
 #include "apps/pictures/plot.h"
 #include "apps/session/report.h"

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <map>
 
-#include "apps/bench/measure.h"
 #include "apps/common/format.h"
+#include "apps/common/measure.h"
 
 namespace iclk {
 namespace {

@@ -11,7 +11,7 @@
 #include <iclk/session/device.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/bench/measure.h"
+#include "apps/common/measure.h"
 #include "apps/eval/export.h"
 #include "apps/peers/methods.h"
 #include "apps/session/report.h"

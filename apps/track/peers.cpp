@@ -7,7 +7,7 @@
 
 #include <iclk/session/detect.h>
 
-#include "apps/bench/measure.h"
+#include "apps/common/measure.h"
 #include "apps/peers/methods.h"
 #include "apps/session/pair_input.h"
 

@@ -24,11 +24,9 @@ class Options(TypedDict, total=False):
 
     solver: str  #: "host" (default), "device", which is faster for batches on a GPU, or "cpu"
     search: str  #: "auto" (default: on where no T_10 is given), "on", "rotations" or "off"
-    search_rotation: float  #: largest pan and tilt that is tried, degrees
     levels: int | None
     iterations: int | None  #: a level, at most
     damping: str  #: "fixed" (default) or "adaptive"
-    damping_lambda: float | None  #: the command's --lambda
     carry: float | None
     robust: str | None  #: "unit", "huber", "tukey" or "cauchy"
     photometric: bool | None

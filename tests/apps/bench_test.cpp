@@ -7,7 +7,7 @@
 
 #include <iclk/session/pose_errors.h>
 
-#include "apps/peers/peers.h"
+#include "apps/peers/methods.h"
 #include "device.h"
 #include "files.h"
 
@@ -156,60 +156,6 @@ TEST(Bench, OnlyWhatWasAskedFor) {
   EXPECT_EQ(report.rows[0].method, "cpu");
   EXPECT_EQ(report.rows[0].calls, 16);
   EXPECT_TRUE(to_json(report).at("times_faster_than").at("ratio").at("RgbdOdometry").is_null());
-}
-
-TEST(Peers, MissingDataSaysWhereAndHow) {
-  expect_error([] { find_data("no/such/folder"); }, ErrorCode::io, {"no/such/folder", "tum_fr1_360_5", "--data", "ICLK_DATA"});
-  const test::Folder folder;
-  std::filesystem::create_directories(folder.path("tum_fr1_360_5"));
-  expect_error([&] { find_data(folder.path("")); }, ErrorCode::io, {"hololens_80"});
-  PeerOptions options;
-  options.data = "no/such/folder";
-  options.iclk.solver = Solver::cpu;
-  options.iclk.stages = {{}};
-  expect_error([&] { run_peers(options, kQuiet); }, ErrorCode::io, {"no/such/folder"});
-  options.strides = {0};
-  expect_error([&] { run_peers(options, kQuiet); }, ErrorCode::invalid_argument, {"--strides 0"});
-  options.strides = {1};
-  options.distortion = "radtan:1";
-  expect_error([&] { run_peers(options, kQuiet); }, ErrorCode::invalid_argument, {"radtan"});
-}
-
-TEST(Peers, TwoPairsOfEverySequence) {
-  if (test::data_folder("tum_fr1_360_5").empty() || test::data_folder("hololens_80").empty())
-    GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5 and hololens_80";
-  PeerOptions options;
-  options.data = std::filesystem::path(test::data_folder("hololens_80")).parent_path().string();
-  options.distortion = "radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633";
-  options.strides = {1};
-  options.max_pairs = 2;
-  options.iclk.solver = Solver::cpu;
-  options.iclk.stages = {{}};
-  int steps = 0;
-  const PeerReport report = run_peers(options, [&](const std::string&, int, int) { ++steps; });
-  EXPECT_EQ(steps, 3 * 2 + 1);
-  const auto json = nlohmann::ordered_json::parse(to_json(report).dump());
-  ASSERT_EQ(json.at("blocks").size(), 3u);
-  for (const auto& block : json.at("blocks")) {
-    EXPECT_EQ(block.at("pairs"), 2);
-    ASSERT_EQ(block.at("methods").size(), 5u);
-    for (const auto& row : block.at("methods")) {
-      const auto method = row.at("method").get<std::string>();
-      EXPECT_LE(row.at("within_1px"), row.at("within_3px")) << method;
-      EXPECT_LE(row.at("claimed_but_over_3px"), row.at("claimed")) << method;
-      EXPECT_LE(row.at("claimed_but_over_3px_alone"), row.at("claimed_but_over_3px")) << method;
-      EXPECT_GT(row.at("ms_per_pair").get<double>(), 0) << method;
-      EXPECT_EQ(row.at("each").size(), 2u);
-      if (block.at("data") != "tum_fr1_360_5") continue;
-      // A turn of 2.4 to 3.5 degrees: whoever is within 3 px has found it.
-      EXPECT_EQ(row.at("within_3px"), 2) << method << " " << block.at("camera");
-      EXPECT_LT(row.at("median_e_rot").get<double>(), 0.01) << method << " " << block.at("camera");
-    }
-  }
-  EXPECT_EQ(json.at("blocks")[1].at("camera"), options.distortion);
-  EXPECT_NE(json.at("blocks")[0].at("methods")[2].at("each")[0].at("e_pixel"),
-            json.at("blocks")[1].at("methods")[2].at("each")[0].at("e_pixel"))
-      << "the images were not undistorted";
 }
 
 }  // namespace

@@ -323,7 +323,6 @@ TEST_F(Learned, BenchMeasuresEveryLayerInEveryVariant) {
   EXPECT_EQ(table.code, 0) << table.err;
   EXPECT_NE(table.out.find("winograd4x1"), std::string::npos) << table.out;
   EXPECT_EQ(run({"bench", "--layers"}).code, kBadInput);
-  EXPECT_EQ(run({"bench", "--layers", "--peers"}).code, kUsage);
 }
 
 }  // namespace

@@ -30,7 +30,7 @@ or network error, killed), its shard is begun again by a new worker, three times
 
 Run the same command again to continue after Ctrl-C, a kill or a lost machine: shards with a file are skipped, and no pair is
 twice in the results. Another manifest, other options or another iclk need another DIR. Not taken from `iclk batch`: --dense,
---search-grid, --detector random, "errors" (the row has the truth instead) and the watch over files that change.
+--detector random, "errors" (the row has the truth instead) and the watch over files that change.
 
 Examples:
   python -m iclk.ray pairs.jsonl --camera camera.txt --out results                         # this machine, a worker a core
@@ -81,9 +81,7 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--robust", choices=("unit", "huber", "tukey", "cauchy"))
     what.add_argument("--precision", choices=("fp32", "fp16"))
     what.add_argument("--damping", choices=("fixed", "adaptive"))
-    what.add_argument("--lambda", type=float, dest="damping_lambda")
     what.add_argument("--search", choices=("auto", "on", "off", "rotations"))
-    what.add_argument("--search-rotation", type=float)
     what.add_argument("--photometric", action=argparse.BooleanOptionalAction, default=None)
     what.add_argument("--no-refine", action="store_const", const=False, dest="refine")
     what.add_argument("--refine-rounds", type=int)
@@ -94,7 +92,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 OPTIONS = (
-    "solver", "levels", "iterations", "carry", "robust", "precision", "damping", "damping_lambda", "search", "search_rotation",
+    "solver", "levels", "iterations", "carry", "robust", "precision", "damping", "search",
     "photometric", "refine", "refine_rounds", "recolour", "rolling_shutter", "structure",
 )  # fmt: skip
 

@@ -1,4 +1,4 @@
-#include "apps/bench/measure.h"
+#include "apps/common/measure.h"
 
 #include <sched.h>
 #include <sys/resource.h>

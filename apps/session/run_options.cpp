@@ -1,6 +1,4 @@
-#include "apps/commands/run_options.h"
-
-#include <cmath>
+#include "apps/session/run_options.h"
 
 #include <spdlog/spdlog.h>
 
@@ -8,7 +6,7 @@
 #include <iclk/session/io/distortion.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/commands/command.h"
+#include "apps/common/not_empty.h"
 
 namespace iclk {
 
@@ -55,7 +53,6 @@ void RunOptions::add_to(CLI::App& command) {
                   "fixed: every step is taken, as in the paper; adaptive: a step that raises the cost is taken back")
       ->capture_default_str()
       ->check(CLI::IsMember({"fixed", "adaptive"}));
-  command.add_option("--lambda", chosen.lambda, "Damping, or its start value; default 1e-6, or the model's");
   command
       .add_option("--search", search,
                   "How to begin. on: look for the features in the whole target, whatever the motion; where too few agree, try "
@@ -63,11 +60,6 @@ void RunOptions::add_to(CLI::App& command) {
                   "first guess is given")
       ->capture_default_str()
       ->check(CLI::IsMember({"auto", "on", "off", "rotations"}));
-  command.add_option("--search-grid", chosen.start_search.grid, "Pans and tilts to try, so many each; odd")
-      ->capture_default_str();
-  command.add_option(
-      "--search-rotation", search_rotation,
-      "Largest pan and tilt, degrees; default: as the grid reaches with steps of 3.4 pixels of the coarsest level");
   // Not bound to `photometric` itself: CLI11 2.1 sets an optional<bool> to false where the flag is not given.
   command.add_flag_function(
       "--photometric,!--no-photometric", [this](std::int64_t count) { chosen.photometric = count > 0; },
@@ -99,7 +91,6 @@ SessionOptions RunOptions::session() const {
   options.precision = parse_precision(precision);
   options.damping = parse_damping(damping);
   if (robust) options.robust = parse_robust(*robust);
-  options.start_search.rotation = search_rotation * M_PI / 180;
   options.stages = make_stages(options);
   if (camera_sigma == "auto") return options;
   options.refiner.pose.camera_sigma = to_number(camera_sigma);

@@ -14,7 +14,6 @@ struct RunOptions {
   SessionOptions chosen;
   std::string solver = "host", search = "auto", precision = "fp32", damping = "fixed", camera_sigma = "auto";
   std::optional<std::string> robust;
-  double search_rotation = 0;  ///< degrees
 
   void add_to(CLI::App& command);
   /// Reads the models: SessionOptions::stages. Throws Error(invalid_argument) that names the value, Error(io) for a model that

@@ -1,4 +1,4 @@
-#include "apps/session/result_files.h"
+#include "apps/pictures/result_files.h"
 
 #include <filesystem>
 
