@@ -1,19 +1,15 @@
 #include <iclk/refine/cascade.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstring>
 #include <string>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/uncertainty.h>
 
 namespace iclk {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double ms_since(Clock::time_point start) { return std::chrono::duration<double, std::milli>(Clock::now() - start).count(); }
 
 /// An alignment that nothing was done to.
 RefinedAlignment unrefined(const Reference& reference, Alignment alignment, double ms) {
@@ -53,13 +49,13 @@ Cascade::~Cascade() = default;
 
 void Cascade::start(size_t step) {
   if (running_[step].aligner) return;
-  const auto begin = Clock::now();
+  const internal::Stopwatch time;
   Running made;
   made.aligner = steps_[step].make();
   if (steps_[step].refiner) made.refiner = std::make_unique<Refiner>(*made.aligner, *steps_[step].refiner);
   made.refiner ? made.refiner->warm_up() : made.aligner->warm_up();
   running_[step] = std::move(made);
-  times_.setup += ms_since(begin);
+  times_.setup += time.ms();
 }
 
 void Cascade::prepare(size_t step, int slot) {
@@ -75,26 +71,26 @@ void Cascade::prepare(size_t step, int slot) {
 std::vector<RefinedAlignment> Cascade::run(size_t step, const std::vector<Pair>& pairs) {
   start(step);
   Running& running = running_[step];
-  auto begin = Clock::now();
+  const internal::Stopwatch prepare_time;
   for (const Pair& pair : pairs) prepare(step, pair.reference);
-  times_.prepare += ms_since(begin);
+  times_.prepare += prepare_time.ms();
 
-  begin = Clock::now();
+  const internal::Stopwatch time;
   std::vector<RefinedAlignment> results;
   if (running.refiner) {
     results = running.refiner->align(pairs);
   } else {
     std::vector<Alignment> alignments = running.aligner->align(pairs);
-    const double ms = ms_since(begin) / static_cast<double>(pairs.size());
+    const double ms = time.ms() / static_cast<double>(pairs.size());
     for (size_t i = 0; i < pairs.size(); ++i)
       results.push_back(unrefined(keyframes_[static_cast<size_t>(pairs[i].reference)].reference, std::move(alignments[i]), ms));
   }
-  times_.align += ms_since(begin);
+  times_.align += time.ms();
   return results;
 }
 
 std::vector<FeatureCheck> Cascade::set_reference(int slot, const Reference& reference) {
-  const auto begin = Clock::now();
+  const internal::Stopwatch time;
   Running& first = running_.front();
   const auto at = static_cast<size_t>(slot);
   // Whatever throws on the way, the keyframe that was there is prepared again from its copy.
@@ -109,7 +105,7 @@ std::vector<FeatureCheck> Cascade::set_reference(int slot, const Reference& refe
   keyframes_[at] = std::move(keyframe);
   first.prepared.resize(std::max(first.prepared.size(), keyframes_.size()));
   first.prepared[at] = versions_;
-  times_.prepare += ms_since(begin);
+  times_.prepare += time.ms();
   return checks;
 }
 

@@ -1,12 +1,12 @@
 #include <iclk/refine/refiner.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <iterator>
 
 #include <iclk/align/common/each.h>
 #include <iclk/align/common/options_check.h>
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/refine/internal/plane.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/refine/internal/rivals.h>
@@ -19,16 +19,10 @@
 namespace iclk {
 namespace {
 
-constexpr int kRivals = 6;  // poses that are tried beside an answer
+using internal::Stopwatch;
+
+constexpr int kRivals = 6;            // poses that are tried beside an answer
 constexpr double kWorthARound = 0.2;  // inliers of one, of those of the answer, that a further round may turn into a rival
-
-class Stopwatch {
- public:
-  double ms() const { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start_).count(); }
-
- private:
-  std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
-};
 
 Stage& stage(RefinedAlignment& r, const char* name) {
   for (Stage& s : r.stages)

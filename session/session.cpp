@@ -1,8 +1,8 @@
 #include <iclk/session/session.h>
 
 #include <algorithm>
-#include <chrono>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/device.h>
@@ -10,10 +10,6 @@
 
 namespace iclk {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double ms_since(Clock::time_point start) { return std::chrono::duration<double, std::milli>(Clock::now() - start).count(); }
 
 /// Kernels are those of the user's cache, where it lacks them usual_variant(): nothing is measured (session/tuning_cache.h).
 std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<engine::Context>& context, const Plan& plan,
@@ -105,7 +101,7 @@ std::unique_ptr<Cascade> Session::make_cascade(const Needs& needs) {
 
 void Session::make(const Needs& needs, bool keep_references) {
   if (cascade_ && made_.serves(needs)) return;
-  const auto start = Clock::now();
+  const internal::Stopwatch time;
   device_aligners_.clear();
   if (!keep_references) cascade_.reset();  // the device may not hold both
   std::unique_ptr<Cascade> cascade = make_cascade(needs);
@@ -113,7 +109,7 @@ void Session::make(const Needs& needs, bool keep_references) {
     if (const Reference* kept = cascade_->reference(slot)) cascade->set_reference(slot, *kept);
   cascade_ = std::move(cascade);
   made_ = needs;
-  making_ms_ += ms_since(start);
+  making_ms_ += time.ms();
 }
 
 bool Session::searches(bool without_guess) const {

@@ -1,9 +1,8 @@
 #include "apps/session/pair_input.h"
 
-#include <chrono>
-
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/io/feature_csv.h>
 #include <iclk/shaders/shared.h>
@@ -12,10 +11,6 @@
 
 namespace iclk {
 namespace {
-
-double ms_since(std::chrono::steady_clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
-}
 
 std::string size_of(const cv::Mat& image) { return std::to_string(image.cols) + "x" + std::to_string(image.rows); }
 
@@ -93,7 +88,7 @@ uint64_t PairLoader::memory(const PairFiles& files, uint64_t budget) const {
 }
 
 PairInput PairLoader::load(const PairFiles& files) const {
-  const auto start = std::chrono::steady_clock::now();
+  const internal::Stopwatch time;
   if (files.depth.empty() && files.features.empty())
     throw Error(ErrorCode::invalid_argument,
                 files.reference + ": a depth image (--depth) or a feature file (--features) is needed");
@@ -129,16 +124,16 @@ PairInput PairLoader::load(const PairFiles& files) const {
     along_axis(pair.camera, pair.features);
   }
   if (!seen_0.empty()) hide_reference(seen_0, pair);
-  pair.load_ms = ms_since(start);
+  pair.load_ms = time.ms();
   if (files.features.empty()) detect_missing_features(pair, options_.detector, seen_0);
   options_.depth_sigma.apply(pair.camera, pair.features);
   return pair;
 }
 
 void detect_missing_features(PairInput& pair, const DetectorOptions& options, const cv::Mat& seen) {
-  const auto start = std::chrono::steady_clock::now();
+  const internal::Stopwatch time;
   if (pair.features.size() == 0) pair.features = detect_features(view(pair.image_0), view(pair.depth_0), view(seen), options);
-  pair.detect_ms = ms_since(start);
+  pair.detect_ms = time.ms();
 }
 
 }  // namespace iclk
