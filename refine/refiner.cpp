@@ -22,7 +22,7 @@ namespace {
 using internal::Stopwatch;
 
 constexpr int kRivals = 6;            // poses that are tried beside an answer
-constexpr double kWorthARound = 0.2;  // inliers of one, of those of the answer, that a further round may turn into a rival
+constexpr double kWorthARound = 0.2;  // share of the answer's inliers: with fewer a pose gets no further round
 
 Stage& stage(RefinedAlignment& r, const char* name) {
   for (Stage& s : r.stages)

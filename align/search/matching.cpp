@@ -55,37 +55,37 @@ double peak(float before, float here, float after) {
 // How well poses agree with correspondences; shaders/search/match_cost.glsl.
 class Agreeing {
  public:
-  Agreeing(const std::vector<Correspondence>& correspondences, const Camera& of, double pixels)
-      : all(correspondences), camera(of), tolerance(pixels), columns(static_cast<Eigen::Index>(all.size()), 5) {
-    for (Eigen::Index k = 0; k < columns.rows(); ++k) {
+  Agreeing(const std::vector<Correspondence>& all, const Camera& camera, double tolerance)
+      : all_(all), camera_(camera), tolerance_(tolerance), columns_(static_cast<Eigen::Index>(all.size()), 5) {
+    for (Eigen::Index k = 0; k < columns_.rows(); ++k) {
       const Correspondence& c = all[static_cast<size_t>(k)];
       const Vector2d from_centre = c.pixel - Vector2d(camera.cx, camera.cy);
-      columns.row(k) << c.point.transpose().cast<float>(), from_centre.transpose().cast<float>();
+      columns_.row(k) << c.point.transpose().cast<float>(), from_centre.transpose().cast<float>();
     }
-    const Eigen::Index stride = std::max<Eigen::Index>(columns.rows() / kEnough, 1);
-    some.resize((columns.rows() + stride - 1) / stride, 5);
-    for (Eigen::Index k = 0; k < some.rows(); ++k) some.row(k) = columns.row(k * stride);
+    const Eigen::Index stride = std::max<Eigen::Index>(columns_.rows() / kEnough, 1);
+    some_.resize((columns_.rows() + stride - 1) / stride, 5);
+    for (Eigen::Index k = 0; k < some_.rows(); ++k) some_.row(k) = columns_.row(k * stride);
   }
 
   struct Cost {
     double cost = 0;
     int inliers = 0;
   };
-  Cost cost(const SE3& T) const { return cost(T, columns); }
-  /// Of some of them: enough to tell hypotheses apart.
-  Cost rough_cost(const SE3& T) const { return cost(T, some); }
+  Cost cost(const SE3& T) const { return cost(T, columns_); }
+  // Of at least kEnough of them, where there are so many: to tell hypotheses apart.
+  Cost rough_cost(const SE3& T) const { return cost(T, some_); }
 
   // One Gauss-Newton step with Tukey's weights, T <- Exp(xi) T.
   SE3 refined(const SE3& T) const {
     Matrix6d H = Matrix6d::Zero();
     Vector6d g = Vector6d::Zero();
-    for (size_t k = 0; k < all.size(); ++k) {
+    for (size_t k = 0; k < all_.size(); ++k) {
       Vector3d X;
       const Vector2d r = residual(T, k, X);
-      const double keep = 1 - r.squaredNorm() / (4 * tolerance * tolerance);
+      const double keep = 1 - r.squaredNorm() / (4 * tolerance_ * tolerance_);
       if (!(keep > 0)) continue;
       Eigen::Matrix<double, 2, 6> J;
-      J.leftCols<3>() = camera.project_jacobian(X);
+      J.leftCols<3>() = camera_.project_jacobian(X);
       J.rightCols<3>() = -J.leftCols<3>() * hat(X);
       H += keep * keep * J.transpose() * J;
       g += keep * keep * J.transpose() * r;
@@ -100,32 +100,31 @@ class Agreeing {
 
  private:
   Vector2d residual(const SE3& T, size_t k, Vector3d& seen) const {
-    seen = T * all[k].point;
-    return seen.z() > ICLK_LEAST_DEPTH ? all[k].pixel - camera.project(seen) : Vector2d(1e9, 1e9);
+    seen = T * all_[k].point;
+    return seen.z() > ICLK_LEAST_DEPTH ? all_[k].pixel - camera_.project(seen) : Vector2d(1e9, 1e9);
   }
 
   using Columns = Eigen::Array<float, Eigen::Dynamic, 5>;  // point, pixel from the principal point
   static constexpr Eigen::Index kEnough = 256;
 
-  // Column by column, so that the processor does several at once: hundreds of hypotheses wait for it.
+  // In arrays, which the compiler vectorises: this is called for each of hundreds of hypotheses.
   Cost cost(const SE3& T, const Columns& of) const {
     const Eigen::Matrix3f R = T.R.cast<float>();
     const Eigen::Vector3f t = T.t.cast<float>();
-    const auto X = [&](int i) {
-      return R(i, 0) * of.col(0) + R(i, 1) * of.col(1) + R(i, 2) * of.col(2) + t[i];
-    };
-    const auto fx = static_cast<float>(camera.fx), fy = static_cast<float>(camera.fy);
+    const auto X = [&](int i) { return R(i, 0) * of.col(0) + R(i, 1) * of.col(1) + R(i, 2) * of.col(2) + t[i]; };
+    const auto fx = static_cast<float>(camera_.fx), fy = static_cast<float>(camera_.fy);
     const Eigen::ArrayXf z = X(2), per_z = z.inverse();
-    const Eigen::ArrayXf squared = (of.col(3) - fx * X(0) * per_z).square() + (of.col(4) - fy * X(1) * per_z).square();
-    const float unit = 1 / static_cast<float>(tolerance * tolerance);
-    const Eigen::ArrayXf e = (z > float{ICLK_LEAST_DEPTH}).select((unit * squared).min(1.0f), 1.0f);
+    const float unit = 1 / static_cast<float>(tolerance_ * tolerance_);
+    const Eigen::ArrayXf squared = unit * ((of.col(3) - fx * X(0) * per_z).square() + (of.col(4) - fy * X(1) * per_z).square());
+    // Not min(): the residual of a point too far away for a float is NaN.
+    const Eigen::ArrayXf e = (z > float{ICLK_LEAST_DEPTH} && squared < 1.0f).select(squared, 1.0f);
     return {static_cast<double>(e.sum()), static_cast<int>((e < 1).count())};
   }
 
-  const std::vector<Correspondence>& all;
-  const Camera& camera;
-  double tolerance;
-  Columns columns, some;
+  const std::vector<Correspondence>& all_;
+  const Camera& camera_;
+  double tolerance_;
+  Columns columns_, some_;
 };
 
 }  // namespace

@@ -22,12 +22,13 @@ struct BenchCommand {
 };
 
 const char* const kBenchFooter =
-    "ms a pair of every solver and of OpenCV's RgbdOdometry, on images made in code. A call takes references and targets in\n"
-    "host memory to poses in host memory; compilation and allocation come before the first. The aligner has its defaults.\n"
-    "With --model (else classical): the same of the learned model (the paper's way; keyframe: a target against a reference\n"
-    "that is there; with search and refinement), and the time by stage.\n"
-    "cpu time is that of all threads of this process, which other work on the machine hardly disturbs.\n"
-    "How right iclk and other methods are: iclk eval --baselines.\n"
+    "Measures ms a pair of every solver and of OpenCV's RgbdOdometry, on images made in code. A call takes references and\n"
+    "targets in host memory and returns poses in host memory. Compilation and allocation come before the first call and do\n"
+    "not count. The aligner has its defaults.\n"
+    "With a learned --model: its time by stage, for whole pairs, for targets against a reference that is already set\n"
+    "(keyframe), and with search and refinement.\n"
+    "cpu time is the processor time of all threads of this process. Other work on the machine hardly disturbs it.\n"
+    "`iclk eval --baselines` compares the errors of iclk and of other methods.\n"
     "\n"
     "Examples:\n"
     "  iclk bench\n"

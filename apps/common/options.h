@@ -5,8 +5,7 @@
 
 namespace iclk {
 
-/// "begun with --rate '20', now it is '30'", of the first option that a run which is to be continued had otherwise. Empty:
-/// none.
+/// "begun with --rate '20', now it is '30'", for the first option that differs. Empty if none does.
 inline std::string other_option(const nlohmann::ordered_json& begun, const nlohmann::ordered_json& now) {
   const auto shown = [](const nlohmann::ordered_json& v) { return v.is_string() ? v.get<std::string>() : v.dump(); };
   for (const auto& [name, value] : now.items()) {

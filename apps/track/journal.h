@@ -30,10 +30,10 @@ class FileLock {
 /// knows, from which a killed run goes on. Locked against a second run. With an empty folder nothing is written.
 class Journal {
  public:
-  /// `options`: what the results depend on, by name. A stopped run with other ones is not continued: Error(invalid_argument)
-  /// names the one that differs. `fresh`: begins anew all the same. Continuing, `tracker` is restored, and what was written
-  /// after its state is cut off. Throws Error(io), also where another run writes there, and Error(invalid_argument) for a
-  /// broken state.
+  /// `options`: the results depend on these, by name. `fresh`: begins anew, whatever is there. Otherwise a stopped run is
+  /// continued: `tracker` is restored, and lines written after its state are cut off.
+  /// Throws Error(io) if a file cannot be read or written, or another run writes there; Error(invalid_argument) if an option
+  /// differs, which it names, or the state is broken.
   Journal(const std::string& folder, nlohmann::ordered_json options, bool fresh, Tracker& tracker);
 
   /// Of a run that goes on: what it had. Empty at a beginning.

@@ -1,6 +1,7 @@
 #include "apps/track/run.h"
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -13,6 +14,7 @@
 #include <iclk/session/io/output.h>
 #include <iclk/track/rolling_shutter.h>
 
+#include "apps/io/json.h"
 #include "apps/track/journal.h"
 #include "apps/track/output.h"
 #include "apps/track/readout.h"
@@ -26,7 +28,9 @@ constexpr int kReadoutFrames = 100;
 
 std::string absolute(const std::string& path) { return path.empty() ? path : std::filesystem::absolute(path).string(); }
 
-/// What must be the same for a run to be continued, under the names that the command line has for it.
+constexpr std::array<const char*, 3> kSolvers = {"host", "device", "cpu"};  // by Solver
+
+/// The results depend on these. The names are those of the command line.
 nlohmann::ordered_json options_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
   const Camera& c = frames.camera();
   const FramesOptions& f = options.frames;
@@ -36,7 +40,7 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--stride", f.stride},
           {"--rate", f.rate},
           {"--camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
-          {"--distortion", {static_cast<int>(frames.distortion().model), frames.distortion().k}},
+          {"--distortion", distortion_text(frames.distortion())},
           {"--depth", absolute(f.depth)},
           {"--depth-scale", f.depth_scale},
           {"--depth-along-ray", f.depth_along_ray},
@@ -45,7 +49,7 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--depth-holes", f.depth_holes},
           {"--mask", absolute(f.mask)},
           {"--model", options.model},
-          {"--solver", static_cast<int>(options.solver)},
+          {"--solver", kSolvers.at(static_cast<size_t>(options.solver))},
           {"--count", tracker.detector.count},
           {"--seeds", tracker.seeds},
           {"--keyframes", tracker.keyframes},

@@ -27,7 +27,7 @@ constexpr int kSample = int{ICLK_ELSEWHERE_SAMPLE};      // features that are lo
 constexpr double kExplained = ICLK_ELSEWHERE_EXPLAINED;  // share that leaves little to another pose,
 constexpr double kAlike = 0.15;                          // unless so many look like another place
 constexpr int kHypotheses = 512;
-constexpr float kAsMuch = 0.1f;         // the score elsewhere may be so much lower
+constexpr float kAsMuch = 0.1f;         // a score that is lower by no more is as good
 constexpr double kLeastSupport = 0.35;  // of a pose that is worth aligning
 
 using Scores = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -137,8 +137,8 @@ void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& c
   }
 }
 
-/// Features that look as much like where a pose puts them as like where the answer does, for each that looks like the latter.
-/// Those that both put at one place say nothing.
+/// How many features look like the place where a pose puts them, as a share of those that look like the answer's place.
+/// Features that both poses put at one place do not count.
 double support(const std::vector<Sought>& sought, const PlaceDescriptors& places, const MatchLayout& layout,
                const Camera& camera, const Features& features, const SE3& T_10) {
   int answer = 0, pose = 0;

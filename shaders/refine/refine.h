@@ -33,7 +33,7 @@ using uint = uint32_t;
 // Inliers that lie within so much of one line, as a share of the image's height, do not determine the pose: each may slide
 // along it. Right poses have 0.07 and more, those of one edge 0.005 at most.
 #define ICLK_LEAST_WIDTH 0.02
-// Share of the aligned features that agree on a pose that was searched for: fewer speak against it.
+// If a smaller share of the aligned features agrees on a pose that was searched for, they speak against it.
 #define ICLK_REFUTED_SHARE 0.68
 
 // Feature alignment: all features of one pair, warped by one pose.

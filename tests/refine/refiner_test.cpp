@@ -4,10 +4,11 @@
 #include <memory>
 
 #include <gtest/gtest.h>
-#include <Eigen/Cholesky>
 #include <iclk/align/cpu_aligner.h>
 #include <iclk/engine/error.h>
+#include <iclk/refine/internal/verdict.h>
 #include <iclk/refine/refiner.h>
+#include <Eigen/Cholesky>
 
 #include "../support/synthetic.h"
 
@@ -206,6 +207,24 @@ TEST_F(Refine, ACorrectionBeyondTheLimitIsNotBelieved) {
   const RefinedAlignment r = claim(off_by(4), options);
   EXPECT_EQ(r.status, Status::diverged);
   EXPECT_NE(r.reason.find("more than the 2 px"), std::string::npos) << r.reason;
+}
+
+TEST(Verdict, FeaturesThatAlignAndDisagreeSpeakAgainstAPose) {
+  internal::Evidence e;  // of a model's claim that was 25 px off: mirrored depths
+  e.visible = 200;
+  e.candidates = 198;  // of which 70 are needed
+  e.aligned = 97;
+  e.inliers = 62;
+  const auto compatible = [&] { return internal::judge(e, {}, {}, {}).compatible; };
+  EXPECT_FALSE(compatible());
+  e.inliers = 67;
+  EXPECT_TRUE(compatible()) << "nearly all agree";
+  e.aligned = 60;
+  e.inliers = 20;
+  EXPECT_TRUE(compatible()) << "severe changes: few can be aligned, for the pose or against it";
+  e.aligned = 97;
+  e.guessed = true;
+  EXPECT_TRUE(compatible());
 }
 
 TEST_F(Refine, WhereNoFeatureIsFoundIclkStandsIfAsked) {
