@@ -1,0 +1,1 @@
+../../session/iclk.h
