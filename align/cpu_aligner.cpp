@@ -6,7 +6,6 @@
 #include <iclk/align/model/model_check.h>
 #include <iclk/align/network/m_estimator.h>
 #include <iclk/align/search/matching.h>
-#include <iclk/align/search/search.h>
 #include <iclk/align/solver/agreement.h>
 #include <iclk/align/solver/jacobian.h>
 #include <iclk/align/solver/lm.h>
@@ -114,12 +113,8 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
     matched = internal::matched_start(keyframe.match, internal::match_map(grey1, *match_), keyframe.features, keyframe.checks,
                                       keyframe.camera, keyframe.mean_inverse_depth, *match_);
   const int first_level = matched.T_10 ? match_->first_level : options_.levels - 1;
-  const SE3 start =
-      matched.T_10 ? *matched.T_10
-      : options_.search.enabled && pair.search
-          ? internal::search_start(keyframe.levels, f1, keyframe.camera, keyframe.mean_inverse_depth, pair.T_10, options_)
-          : pair.T_10;
-  internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth}, start);
+  internal::LmIteration lm({&options_, pair.prior ? &*pair.prior : nullptr, keyframe.mean_inverse_depth},
+                           matched.T_10.value_or(pair.T_10));
   for (int level = options_.levels - 1; level >= 0; --level) {
     const Camera camera = keyframe.camera.at_level(level);
     const internal::Template& pixels = keyframe.levels[static_cast<size_t>(level)];

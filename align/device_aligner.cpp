@@ -53,7 +53,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       network(*context, model, layout, plan, options, batch, tuning, ids.plan),
       matching(plan, options, layout, sizes, batch, ids.plan),
       memory(context, ids.plan),
-      run_ids(layout, plan, options, solver, context->unified_memory(), batch),
+      run_ids(layout, plan, solver, context->unified_memory(), batch),
       run(context, run_ids.plan),
       arena(context, (network.load(context, memory, sizes.iterate), matching.load(context), arena_size())),
       submission(context),
@@ -88,7 +88,7 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
   const internal::DeviceNetwork network(context, model, layout, plan, options, batch, tuning, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, batch, ids.plan);
-  const internal::RunBuffers run_ids(layout, plan, options, solver, context.unified_memory(), batch);
+  const internal::RunBuffers run_ids(layout, plan, solver, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
   const engine::MemoryBytes run = run_ids.plan.bytes(context);
   bytes.device += run.device;
@@ -270,7 +270,6 @@ void DeviceAligner::Impl::pack(const AnyPair& pair, uint32_t index, const intern
   auto& info = to[to_ids.given.value_or(to_ids.pairs)].as<shaders::PairInfo>()[index];
   info = internal::pack_pair(pair.T_10, pair.prior ? &*pair.prior : nullptr, pair.reference, index, slot.enough, options);
   info.search = pair.search;
-  if (options.search.enabled) internal::pack_starts(info, index, pair.T_10, slot.camera, options, to_ids, to);
 }
 template void DeviceAligner::Impl::pack(const Pair&, uint32_t, const internal::RunBuffers&, const engine::Workspace&) const;
 template void DeviceAligner::Impl::pack(const DevicePair&, uint32_t, const internal::RunBuffers&,

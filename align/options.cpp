@@ -30,13 +30,6 @@ void AlignerOptions::check() const {
   need(min_visible >= 0 && min_visible <= 1, "min_visible", min_visible, "0 to 1");
   need(min_agreement >= -1 && min_agreement <= 1, "min_agreement", min_agreement, "-1 to 1");
   need(min_correlation >= -1 && min_correlation <= 1, "min_correlation", min_correlation, "-1 to 1");
-  need(search.grid >= 1 && search.grid <= 15 && search.grid % 2 == 1, "search.grid", search.grid, "odd, 1 to 15");
-  need(search.rotation >= 0 && search.rotation <= 1.5, "search.rotation", search.rotation, "0 to 1.5");
-  need(search.roll >= 0 && search.roll <= 3.2, "search.roll", search.roll, "0 to 3.2");
-  need(search.kept >= 1, "search.kept", search.kept, "1 or more");
-  need(search.screened >= search.kept, "search.screened", search.screened, "search.kept or more");
-  need(search.iterations >= 1 && search.iterations <= 100, "search.iterations", search.iterations, "1 to 100");
-  need(search.min_visible >= 0 && search.min_visible <= 1, "search.min_visible", search.min_visible, "0 to 1");
   need(std::isfinite(residual_sigma) && residual_sigma > 0, "residual_sigma", residual_sigma, "above 0");
 }
 
@@ -47,7 +40,7 @@ void Plan::check(const AlignerOptions& options) const {
   };
   if (dense && choose_features)
     throw Error(ErrorCode::invalid_argument, "a dense plan has no features to choose: switch choose_features or dense off");
-  if (dense && options.search.enabled)
+  if (dense && options.search)
     throw Error(ErrorCode::invalid_argument, "a start search serves sparse plans: switch search or dense off");
   // The coarsest level must hold at least one pixel with both neighbours, or there is no gradient.
   const int smallest = 3 << (options.levels - 1);

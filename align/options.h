@@ -23,26 +23,6 @@ enum class Damping {
 enum class Precision { fp32, fp16 };
 const char* name(Precision precision);
 
-/// Start search, for pairs without a first guess. First by matching (`matching`): each feature's patch is looked for in the
-/// whole target, in grey values, with rolls of up to 0.5 rad; poses from three of these correspondences each are scored by
-/// all, and the best one is refined. Where enough of them agree it is the start, at a fine level, whatever the motion was and
-/// whatever the guess. Where they do not, by rotations: many rotations of camera 1 about the first guess are tried at the
-/// coarsest level, so that the basin is no longer the alignment's alone. `grid` x `grid` pans and tilts, each with the rolls
-/// -roll, 0 and roll, are compared by the correlation of the images there (1); the `screened` best take `iterations` steps (2);
-/// of those the `kept` best go through the two coarsest levels (3), and the best of them is the first guess of the alignment.
-/// Sparse mode.
-struct StartSearch {
-  bool enabled = false;
-  bool matching = true;
-  int grid = 7;         ///< odd
-  double rotation = 0;  ///< largest pan and tilt, rad; 0: so that starts lie 3.4 pixels of the coarsest level apart
-  double roll = 0.15;   ///< rad; 0: no other rolls
-  int screened = 48, kept = 8, iterations = 5;
-  double min_visible = 0.4;  ///< starts that see less are left out
-
-  int starts() const { return grid * grid * (roll > 0 ? 3 : 1); }
-};
-
 /// How to align. Defaults: the classical mode (grey pyramid) with gain and bias, and Huber's weights.
 struct AlignerOptions {
   int levels = 4;
@@ -64,7 +44,10 @@ struct AlignerOptions {
   /// Status::degenerate: no texture that both images share determines the pose there. On real pairs right poses have 0.1 to
   /// 0.9, wrong ones and edges of one direction in noise at most 0.06.
   double min_agreement = 0.1;
-  StartSearch search;
+  /// Looks for a start of pairs without a first guess: each feature's patch is looked for in the whole target, in grey values,
+  /// with rolls of up to 0.5 rad; poses from three of these correspondences each are scored by all, and the best one is refined.
+  /// Where enough agree with it, the pair begins there, at a fine level; where not, at its guess. Sparse mode.
+  bool search = false;
   Precision precision = Precision::fp32;  ///< of a device; the CPU reference and the grey pyramid are single always
   double residual_sigma = 0.02;  ///< standard deviation of a residual, in feature units: the photometric weight beside a prior
 

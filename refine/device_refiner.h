@@ -12,7 +12,7 @@ namespace iclk {
 /// The whole way in the application's command buffer: DeviceAligner::record() and behind it rounds of feature alignment and
 /// pose, all on the device. The pose is refine_pose()'s in single precision: the same loss, whitening, estimate of what the
 /// positions are off by, and proof of a rolling shutter; Ceres on the host (Refiner) is the reference.
-/// Where StartSearch::matching is on, rivals of an answer are looked for as Refiner does, ICLK_RIVALS at most. Not here:
+/// Where AlignerOptions::search is on, rivals of an answer are looked for as Refiner does, ICLK_RIVALS at most. Not here:
 /// structure, the target in other grey values than luma's (Recolouring), and doubt of depths that fit no better than a plane.
 /// One thread at a time.
 class DeviceRefiner {

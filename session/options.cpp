@@ -21,12 +21,6 @@ T parse_name(const std::string& name, const char* what, std::initializer_list<st
   throw Error(ErrorCode::invalid_argument, std::string(what) + " '" + printable(name) + "' is not known: one of " + all);
 }
 
-void set_search(const SessionOptions& options, StartSearch& search) {
-  search = {};
-  search.matching = options.search != SearchMode::rotations;
-  search.enabled = options.search == SearchMode::automatic ? !options.dense : options.search != SearchMode::off;
-}
-
 ModelStage make_stage(const SessionOptions& options, const std::string& name) {
   ModelStage made;
   if (name != "classical") made.model = std::make_shared<Model>(load_model(find_model(name, options.model_folders)));
@@ -41,7 +35,7 @@ ModelStage make_stage(const SessionOptions& options, const std::string& name) {
   aligner.damping = options.damping;
   aligner.precision = options.precision;
   aligner.photometric = options.photometric.value_or(aligner.photometric);
-  set_search(options, aligner.search);
+  aligner.search = options.search == SearchMode::automatic ? !options.dense : options.search == SearchMode::on;
   return made;
 }
 
@@ -70,7 +64,6 @@ SearchMode parse_search(const std::string& name) {
   return parse_name<SearchMode>(name, "search",
                                 {{"auto", SearchMode::automatic},
                                  {"on", SearchMode::on},
-                                 {"rotations", SearchMode::rotations},
                                  {"off", SearchMode::off}});
 }
 

@@ -16,9 +16,8 @@ namespace iclk {
 /// Where a pair begins. automatic: at its first guess; a pair without one is searched.
 enum class SearchMode {
   automatic,
-  on,         ///< search every pair: match its features in the whole target; where too few agree, try many rotations
-  rotations,  ///< search every pair, by rotations alone
-  off,        ///< begin at the first guess, or without one at no motion
+  on,   ///< search every pair: match its features in the whole target
+  off,  ///< begin at the first guess, or without one at no motion
 };
 
 /// One model and how to align with it.

@@ -82,7 +82,7 @@ std::unique_ptr<Cascade> Session::make_cascade(const Needs& needs) {
   std::vector<Cascade::Step> steps;
   for (const ModelStage& known : stages_) {
     ModelStage stage = known;
-    stage.aligner.search.enabled = stage.aligner.search.enabled && needs.search;
+    stage.aligner.search = stage.aligner.search && needs.search;
     const std::string name = iclk::model_name(stage.model.get());
     const auto make = [this, plan = plan_for(needs), stage, name] {
       auto aligner = make_any_aligner(options_.solver, context_, plan, stage);
@@ -113,7 +113,7 @@ void Session::make(const Needs& needs, bool keep_references) {
 }
 
 bool Session::searches(bool without_guess) const {
-  return without_guess || options_.search == SearchMode::on || options_.search == SearchMode::rotations;
+  return without_guess || options_.search == SearchMode::on;
 }
 
 void Session::expect(int width, int height, int features) {

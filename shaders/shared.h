@@ -54,12 +54,6 @@ using uint = uint32_t;
 #define ICLK_FORMAT_R32F 3
 #define ICLK_FORMAT_RGBA32F 4
 
-// Distance of the starts of a search, pixels of the coarsest level: the basin of an alignment is about 5 wide.
-#define ICLK_SEARCH_CELLS 3.4
-#define ICLK_SEARCH_STARTS 675   // at most: 15 x 15 with three rolls
-#define ICLK_SEARCH_FEATURES 96  // of more, so many take part, evenly out of their list
-#define ICLK_SEARCH_WHOLE 24     // of more, every second row of a patch: at the coarsest level patches lie on one another
-
 // Starts by matching (align/search/matching.h). Places are pixels of a grey map that is smaller than the image by a whole
 // number; a descriptor describes the 8x8 pixels to the right of a place and below.
 #define ICLK_MATCH_AREA 24000            // pixels of that map, at most
@@ -296,7 +290,6 @@ struct IteratePush {
   float step_tolerance;
   uint trace_stride;  // entries from a pair's trace to the next
   uint trace_offset;  // of this level
-  uint max_features;  // iterate: of more, so many take part, evenly out of their list; 0: all
   float carry;        // share of this level's information that its belief gets; 0: none is left
   // residual_sigma^-2 if a prior or belief is weighed against the variance that residuals have; 0: against residual_sigma^2
   float inverse_variance;
@@ -305,17 +298,8 @@ struct IteratePush {
 #define ICLK_FLAG_UNIT_WEIGHTS 1u  // do not read the weights
 #define ICLK_FLAG_END 2u           // evaluate once more after the last step and judge it
 #define ICLK_FLAG_START 4u         // start gain and bias from the moments of the images, take no step
-#define ICLK_FLAG_NO_TRACE 16u
 #define ICLK_FLAG_GIVEN 8u     // the point is the host's (PairInfo), not the state's
 #define ICLK_FLAG_CARRIED 32u  // the next coarser level has left a belief, the pair's prior is part of it
-
-// The start search: keep `keep` of the `count` candidates of each pair.
-struct SelectPush {
-  uint starts;  // PairInfo of a pair in the list of starts
-  uint count, keep;
-  uint last;  // 1: the pair's own PairInfo gets the pose
-  float min_visible;
-};
 
 // The kernels of starts by matching.
 struct MatchPush {
@@ -327,8 +311,6 @@ struct MatchPush {
   uint row_pixels;         // match_grey.comp: pixels from a row to the next
   uint pixel_words;        // match_grey.comp: 32-bit words from an image to the next
   uint first_level;        // match_pose.comp: where a pair begins that is believed
-  uint coarsest;           // match_pose.comp: where another does
-  uint starts;             // match_pose.comp: PairInfo of a pair in the list of starts
   uint hypotheses;         // hypothesise.comp, match_pose.comp: of a pair
   uint sought;             // of `features`, at most
   uint first_roll, rolls;  // of the reference's patches: the upright ones, then all, for pairs still unmatched

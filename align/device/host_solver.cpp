@@ -83,22 +83,6 @@ struct DeviceAligner::Impl::HostRun {
   }
 
   bool searched(size_t i) const { return slot_of(i).enough && pairs[i].search; }
-  // Most pairs are matched; rotations are another submission, and kernels that are made for them.
-  bool any_unmatched() const {
-    for (size_t i = 0; i < pairs.size(); ++i)
-      if (searched(i) && infos[i].matched == 0) return true;
-    return false;
-  }
-  // Runs what `record` records, which leaves the pairs' starts in `infos`.
-  template <class Record>
-  void read_pairs(Record&& record) {
-    Recorder recorder(m.submission, m.arena, m.timer.get());
-    record(recorder);
-    recorder.host_read({&m.run[m.run_ids.pairs]});
-    recorder.finish();
-    m.submission.end();
-    m.submit();
-  }
 
   void align() {
     const int coarsest = m.options.levels - 1;
@@ -108,25 +92,31 @@ struct DeviceAligner::Impl::HostRun {
       uploaded = true;
       m.prepare(recorder, pairs);
     };
-    if (m.options.search.enabled) {
-      read_pairs([&](Recorder& recorder) {
-        upload(recorder);
-        m.stages().match(recorder, count());
-      });
-      if (any_unmatched()) read_pairs([&](Recorder& recorder) { m.stages().look_over_rotations(recorder, count()); });
-      for (size_t i = 0; i < pairs.size(); ++i)
-        if (searched(i)) {
-          lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));
-          first_level[i] = static_cast<int>(infos[i].first_level);
-          repeats[i] = infos[i].repeats;
-        }
-    }
+    if (m.matching) match(upload);
     if (m.options.photometric) {
       evaluate(coarsest, ICLK_FLAG_UNIT_WEIGHTS, upload);
       for (size_t i = 0; i < pairs.size(); ++i)
         if (slot_of(i).enough) lm[i].start_photometric(sums(i, coarsest));
     }
     for (int level = coarsest; level >= 0; --level) align_level(level, upload);
+  }
+
+  template <class Upload>
+  void match(Upload& upload) {
+    Recorder recorder(m.submission, m.arena, m.timer.get());
+    upload(recorder);
+    m.stages().match(recorder, count());
+    recorder.host_read({&m.run[m.run_ids.pairs]});
+    recorder.finish();
+    m.submission.end();
+    m.submit();
+    for (size_t i = 0; i < pairs.size(); ++i) {
+      if (!searched(i)) continue;
+      repeats[i] = infos[i].repeats;
+      if (infos[i].matched == 0) continue;
+      lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));
+      first_level[i] = static_cast<int>(infos[i].first_level);
+    }
   }
 
   template <class Upload>

@@ -77,7 +77,7 @@ struct DeviceAligner::Impl {
   void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
   /// Both images of every pair, ready to be aligned.
   void prepare(engine::Recorder& recorder, std::span<const Pair> pairs);
-  /// Writes pair `index` of a run, a Pair or DevicePair, its starts included where there is a search.
+  /// Writes pair `index` of a run, a Pair or DevicePair.
   template <class AnyPair>
   void pack(const AnyPair& pair, uint32_t index, const internal::RunBuffers& to_ids, const engine::Workspace& to) const;
   template <class AnyPair>

@@ -12,7 +12,6 @@
 #include "normal_equations.comp.spv.h"
 #include "residual.comp.spv.h"
 #include "result.comp.spv.h"
-#include "select.comp.spv.h"
 #include "weights.comp.spv.h"
 
 namespace iclk::internal {
@@ -43,14 +42,10 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
                  robust = static_cast<uint32_t>(options.robust), masked = plan.target_masks;
   engine::KernelBatch batch(context);
-  // What every run needs is made now, side by side. The host solver needs the others where it looks over rotations, the device
-  // solver where a level has too many elements for one workgroup.
+  // Only what a run of this plan needs: the device solver splits a level that has too many elements for one workgroup.
   const bool on_device = solver == Solver::device, split = !on_device || layout.most_elements() > sizes.fused_elements;
   const auto add = [&](bool needed, engine::Kernel& kernel, const engine::KernelDescription& description) {
-    if (needed)
-      batch.add(kernel, description);
-    else
-      kernel = engine::Kernel::deferred(context, description);
+    if (needed) batch.add(kernel, description);
   };
   if (plan.target_masks) target_masks = {context, plan, layout, sizes.map};
   if (!layout.learned) pyramid = {context, plan.format, layout, sizes.map};
@@ -117,13 +112,6 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                          storage_read, storage_write},
                         sizeof(IteratePush),
                         {sizes.iterate, photometric, adaptive, weighted, 0, masked}});
-  if (options.search.enabled)
-    add(on_device, select,
-        {"search",
-         select_comp_spv,
-         {storage_read, storage_read, storage_read, storage_read_write},
-         sizeof(SelectPush),
-         {sizes.iterate}});
   add(on_device, result,
       {"result",
        result_comp_spv,

@@ -18,8 +18,7 @@ struct Kernels {
   GreyPyramid pyramid;
   TargetMasks target_masks;
   engine::Kernel choose, chosen, enable;  // Plan::choose_features
-  engine::Kernel mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate, agreement, result,
-      select;
+  engine::Kernel mask, inverse_depth, jacobian, residual, weights, normal_equations, lm_step, iterate, agreement, result;
 };
 
 }  // namespace iclk::internal

@@ -18,7 +18,7 @@ class DeviceRecording : public DeviceAligner::Recording {
         trace_stride(layout.trace_stride),
         max_features(static_cast<size_t>(plan.max_features)),
         max_pairs(max_pairs),
-        run_ids(layout, plan, options, Solver::device, context->unified_memory(), max_pairs),
+        run_ids(layout, plan, Solver::device, context->unified_memory(), max_pairs),
         run(context, run_ids.plan),
         arena(context, arena_size) {}
 

@@ -53,8 +53,7 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   }
 }
 
-RunBuffers::RunBuffers(const Layout& layout, const Plan& aligner, const AlignerOptions& options, Solver solver,
-                       bool unified_memory, int count) {
+RunBuffers::RunBuffers(const Layout& layout, const Plan& aligner, Solver solver, bool unified_memory, int count) {
   const auto n = static_cast<uint64_t>(count);
   const uint64_t state_bytes = sizeof(shaders::PairState) * n,
                  trace_bytes = sizeof(shaders::TraceEntry) * n * layout.trace_stride;
@@ -72,16 +71,6 @@ RunBuffers::RunBuffers(const Layout& layout, const Plan& aligner, const AlignerO
       features_read = plan.add("chosen features read back", feature_bytes, MemoryKind::readback, BufferUse::transfer);
     states_read = plan.add("states read back", state_bytes, MemoryKind::readback, BufferUse::transfer);
     trace_read = plan.add("trace read back", trace_bytes, MemoryKind::readback, BufferUse::transfer);
-  }
-  if (options.search.enabled) {
-    const auto starts_n = static_cast<uint64_t>(options.search.starts()), size = sizeof(shaders::PairInfo) * n;
-    const auto screened_n = std::min(starts_n, static_cast<uint64_t>(options.search.screened));
-    const auto kept_n = std::min(screened_n, static_cast<uint64_t>(options.search.kept));
-    starts = plan.add("search starts", size * starts_n, MemoryKind::table, BufferUse::storage);
-    screened = plan.add("search screened", size * screened_n, MemoryKind::device, BufferUse::storage);
-    kept = plan.add("search kept", size * kept_n, MemoryKind::device, BufferUse::storage);
-    search_states =
-        plan.add("search states", sizeof(shaders::PairState) * n * starts_n, MemoryKind::device, BufferUse::storage);
   }
 }
 
@@ -102,12 +91,11 @@ engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& netw
   size.add(k.jacobian, 2);
   if (k.residual) size.add(k.residual, 2);
   if (k.weights) size.add(k.weights);
-  size.add(k.normal_equations, 2);
-  size.add(k.lm_step);
-  size.add(k.iterate, k.select ? 8 : 2);
-  if (k.select) size.add(k.select, 3);
+  if (k.normal_equations) size.add(k.normal_equations, 2);
+  if (k.lm_step) size.add(k.lm_step);
+  if (k.iterate) size.add(k.iterate, 2);
   size.add(k.agreement);
-  size.add(k.result);
+  if (k.result) size.add(k.result);
   return size;
 }
 
@@ -159,6 +147,13 @@ void Stages::prepare(Recorder& recorder, const Run& references) const {
   }
 }
 
+void Stages::match(Recorder& recorder, uint32_t pairs) const {
+  if (matching)
+    matching.find(recorder, memory,
+                  {at(ids.pixels1), at(ids.references), at(ids.features), run[run_ids.pairs], kernels.target_masks, pairs,
+                   features});
+}
+
 shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags) const {
   shaders::IteratePush p{};
   p.level = static_cast<uint32_t>(level);
@@ -178,7 +173,6 @@ shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags
   }
   p.trace_stride = layout.trace_stride;
   p.trace_offset = static_cast<uint32_t>(level * options.iterations);
-  p.max_features = 0;
   return p;
 }
 
@@ -241,10 +235,7 @@ void Stages::align(Recorder& recorder, uint32_t pairs) const {
   // At every execution: an application may submit a recording more than once.
   recorder.copy(run[*run_ids.given], run[run_ids.pairs], sizeof(shaders::PairInfo) * pairs);
   if (plan.choose_features) enable(recorder, pairs);
-  if (options.search.enabled) {
-    match(recorder, pairs);
-    look_over_rotations(recorder, pairs);
-  }
+  match(recorder, pairs);
   uint32_t given = ICLK_FLAG_GIVEN;  // until the first dispatch that leaves a state
   for (int level = options.levels - 1; level >= 0; --level) {
     if (level == options.levels - 1 && options.photometric) {

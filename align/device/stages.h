@@ -25,16 +25,13 @@ struct AlignerBuffers {
 
 /// Buffers of one run over a batch: what the host says of the pairs and what the device solver leaves.
 struct RunBuffers {
-  RunBuffers(const Layout& layout, const Plan& plan, const AlignerOptions& options, Solver solver, bool unified_memory,
-             int pairs);
+  RunBuffers(const Layout& layout, const Plan& plan, Solver solver, bool unified_memory, int pairs);
 
   engine::MemoryPlan plan;
   engine::BufferId pairs, states, trace, results;
   std::optional<engine::BufferId> given;     // Solver::device: `pairs` as the host has them; matching changes `pairs`
   std::optional<engine::BufferId> features;  // of each pair's reference; Plan::choose_features
   std::optional<engine::BufferId> states_read, trace_read, features_read;  // where device memory cannot be mapped
-  // Of a start search: every start of every pair, what is left after each selection, and their states.
-  std::optional<engine::BufferId> starts, screened, kept, search_states;
 };
 
 /// Workgroups that one level's normal equations take.
@@ -63,10 +60,8 @@ struct Stages {
   void maps(engine::Recorder& recorder, std::span<const Run> references, uint32_t targets) const;
   /// Mask and Jacobian of references that have maps.
   void prepare(engine::Recorder& recorder, const Run& references) const;
-  /// Start search of the first `pairs` PairInfo, whose starts must have been packed. Matching replaces the poses of the pairs
-  /// that it can match (PairInfo::matched); looking over rotations, after it, those of the others.
+  /// Replaces the poses of those of the first `pairs` PairInfo that it can match (PairInfo::matched). Nothing without a search.
   void match(engine::Recorder& recorder, uint32_t pairs) const;
-  void look_over_rotations(engine::Recorder& recorder, uint32_t pairs) const;
   /// Residual and weights with which a level starts; nothing with unit weights.
   void weights(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t flags) const;
   /// One evaluation of the sums, in parts.
@@ -93,14 +88,7 @@ struct Stages {
   const engine::Buffer& at(engine::BufferId id) const { return memory[id]; }
   shaders::IteratePush push(int level, uint32_t iterations, uint32_t flags) const;
   void iterate(engine::Recorder& recorder, int level, uint32_t pairs, uint32_t iterations, uint32_t flags) const;
-  void descend(engine::Recorder& recorder, engine::BufferId candidates, uint32_t count, int finest, int iterations) const;
-  void select(engine::Recorder& recorder, engine::BufferId candidates, engine::BufferId kept, uint32_t pairs, uint32_t count,
-              uint32_t keep) const;
 };
-
-/// The starts of a search about the first guess of pair `index`, where Stages::search expects them.
-void pack_starts(const shaders::PairInfo& pair, uint32_t index, const SE3& T_10, const Camera& camera,
-                 const AlignerOptions& options, const RunBuffers& ids, const engine::Workspace& run);
 
 /// Features as the device has them, those that take no part with an inverse depth of 0.
 Features unpack_features(const shaders::FeatureInfo* features, uint32_t count);

@@ -15,7 +15,7 @@ void DeviceAligner::warm_up() {
   if (m.solver == Solver::device) {
     s.align(recorder, 1);
   } else {
-    if (m.options.search.enabled) s.match(recorder, 1);
+    s.match(recorder, 1);
     for (int level = m.options.levels - 1; level >= 0; --level) {
       s.weights(recorder, level, 1, ICLK_FLAG_GIVEN);
       s.normal_equations(recorder, level, 1, 0, ICLK_FLAG_GIVEN);

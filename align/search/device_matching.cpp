@@ -28,8 +28,6 @@ DeviceMatching::DeviceMatching(const Plan& plan, const AlignerOptions& options, 
   push_.row_pixels = layout.row_pixels();
   push_.pixel_words = layout.pixel_words;
   push_.first_level = static_cast<uint32_t>(match_.first_level);
-  push_.coarsest = static_cast<uint32_t>(options.levels - 1);
-  push_.starts = static_cast<uint32_t>(options.search.starts());
   const auto references = static_cast<uint64_t>(plan.max_references), pairs = static_cast<uint64_t>(batch);
   const auto features = static_cast<uint64_t>(match_.features);
   const auto texels = engine::BufferUse::storage | engine::BufferUse::texel;
@@ -79,7 +77,7 @@ void DeviceMatching::load(const std::shared_ptr<const engine::Context>& context)
                            {std::min(sizes_.iterate, 64u)}});
   batch.add(pose_, {"match_pose",
                     match_pose_comp_spv,
-                    {storage_read, storage_read_write, texel_read, storage_read, storage_read_write},
+                    {storage_read, storage_read_write, texel_read, storage_read},
                     push,
                     {}});
   batch.make();
@@ -150,8 +148,7 @@ void DeviceMatching::round(engine::Recorder& recorder, const engine::Workspace& 
   recorder.stage("match_pose");
   recorder.dispatch(hypothesise_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_]}, push,
                     {groups_for(push.hypotheses, group), 1, count});
-  recorder.dispatch(pose_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_], &pairs.starts},
-                    push, {1, 1, count});
+  recorder.dispatch(pose_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_]}, push, {1, 1, count});
 }
 
 void DeviceMatching::score_cells(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& references,
@@ -174,10 +171,9 @@ void DeviceMatching::agree(engine::Recorder& recorder, const engine::Buffer& ref
   push.hypotheses = ICLK_MATCH_HYPOTHESES;
   push.rolls = 1;
   push.share = 0;
-  push.starts = 0;
   recorder.dispatch(hypothesise_, {&references, &pairs, &correspondences, &hypotheses}, push,
                     {groups_for(push.hypotheses, std::min(sizes_.iterate, 64u)), 1, count});
-  recorder.dispatch(pose_, {&references, &pairs, &correspondences, &hypotheses, &pairs}, push, {1, 1, count});
+  recorder.dispatch(pose_, {&references, &pairs, &correspondences, &hypotheses}, push, {1, 1, count});
 }
 
 void DeviceMatching::add_elsewhere_to(engine::ArenaSize& size, uint32_t poses) const {

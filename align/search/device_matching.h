@@ -24,11 +24,11 @@ class DeviceMatching {
                 const engine::Buffer& references, const engine::Buffer& features, uint32_t first, uint32_t count) const;
 
   struct Pairs {
-    const engine::Buffer &pixels1, &references, &features, &pairs, &starts;
+    const engine::Buffer &pixels1, &references, &features, &pairs;
     const TargetMasks& masks;  // false: no pixel is hidden
     uint32_t count, most_features;
   };
-  /// Starts of pairs that matching finds: their PairInfo's pose and first level, and their starts are switched off.
+  /// Starts of pairs that matching finds: their PairInfo's pose and first level.
   void find(engine::Recorder& recorder, const engine::Workspace& memory, const Pairs& pairs) const;
 
   // What else a target shows than an answer: refine/internal/device_rivals.h asks.

@@ -130,7 +130,7 @@ class Agreeing {
 }  // namespace
 
 MatchLayout::MatchLayout(const Plan& plan, const AlignerOptions& options) {
-  enabled = options.search.enabled && options.search.matching && !plan.dense;
+  enabled = options.search && !plan.dense;
   while ((plan.width / scale) * (plan.height / scale) > ICLK_MATCH_AREA) ++scale;
   width = plan.width / scale;
   height = plan.height / scale;

@@ -12,7 +12,7 @@
 
 namespace iclk::internal {
 
-/// Sizes of a start by matching (StartSearch::matching). Pure arithmetic.
+/// Sizes of a start by matching (AlignerOptions::search). Pure arithmetic.
 struct MatchLayout {
   MatchLayout() = default;
   MatchLayout(const Plan& plan, const AlignerOptions& options);

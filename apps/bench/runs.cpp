@@ -128,7 +128,7 @@ std::unique_ptr<Aligner> make_aligner(const BenchOptions& options, const std::sh
                                       const AlignerCase& c) {
   AlignerOptions settings = c.model ? options.model->options() : AlignerOptions();
   if (c.unit_weights) settings.robust = Robust::unit;
-  settings.search.enabled = c.search;
+  settings.search = c.search;
   const ModelStage stage{settings, c.model ? options.model : nullptr};
   const Session session({.solver = c.solver, .stages = {stage}}, context);
   return session.make_aligner(plan_of(options, batch, in_colour(options, c)));

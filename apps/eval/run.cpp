@@ -102,7 +102,7 @@ PeerPair peer_pair(const PairInput& pair, const cv::Mat& target_depth) {
 /// The classical defaults, and the paper's classical 6DoF-ICLK.
 SessionOptions classical(Solver solver, bool paper) {
   AlignerOptions aligner;
-  aligner.search.enabled = !paper;
+  aligner.search = !paper;
   if (paper) {
     aligner.robust = Robust::unit;
     aligner.photometric = false;

@@ -55,11 +55,10 @@ void RunOptions::add_to(CLI::App& command) {
       ->check(CLI::IsMember({"fixed", "adaptive"}));
   command
       .add_option("--search", search,
-                  "How to begin. on: look for the features in the whole target, whatever the motion; where too few agree, try "
-                  "many rotations at the coarsest level; rotations: only these; off: at the first guess; auto: on where no "
-                  "first guess is given")
+                  "How to begin. on: look for the features in the whole target, whatever the motion; off: at the first guess; "
+                  "auto: on where no first guess is given")
       ->capture_default_str()
-      ->check(CLI::IsMember({"auto", "on", "off", "rotations"}));
+      ->check(CLI::IsMember({"auto", "on", "off"}));
   // Not bound to `photometric` itself: CLI11 2.1 sets an optional<bool> to false where the flag is not given.
   command.add_flag_function(
       "--photometric,!--no-photometric", [this](std::int64_t count) { chosen.photometric = count > 0; },

@@ -23,7 +23,7 @@ class Options(TypedDict, total=False):
     """How to align: options of `iclk align`, which has the same names, defaults and words for them (`iclk align --help`)."""
 
     solver: str  #: "host" (default), "device", which is faster for batches on a GPU, or "cpu"
-    search: str  #: "auto" (default: on where no T_10 is given), "on", "rotations" or "off"
+    search: str  #: "auto" (default: on where no T_10 is given), "on" or "off"
     levels: int | None
     iterations: int | None  #: a level, at most
     damping: str  #: "fixed" (default) or "adaptive"

@@ -157,7 +157,7 @@ double support(const std::vector<Sought>& sought, const PlaceDescriptors& places
 
 MatchLayout layout_for(const Camera& camera) {
   AlignerOptions options;
-  options.search.enabled = options.search.matching = true;
+  options.search = true;
   Plan plan{camera.width, camera.height};
   plan.max_features = ICLK_MATCH_FEATURES;
   return MatchLayout(plan, options);

@@ -31,21 +31,9 @@ layout(push_constant) uniform Push { IteratePush push; };
 #include "align/lm_step.glsl"
 #include "align/lm_state.glsl"
 
-// A search's share of the template, the same arithmetic as search.cpp: patches evenly out of their list, and of these every
-// second row.
-float patch_step = 1.0;
-int halved = 0;
-
-void add_chosen(View view, int k, float weight) {
-  int chosen = k >> (6 - halved), within = k & ((ICLK_PATCH_AREA >> halved) - 1);
-  int number = int(float(chosen) * patch_step), row = (within / ICLK_PATCH << halved) + (chosen & halved);
-  add_element(view, number * ICLK_PATCH_AREA + row * ICLK_PATCH + within % ICLK_PATCH, weight);
-}
-ICLK_DEFINE_SUM(add_all_chosen, add_chosen)
-
 void evaluate(View view, uint count) {
   clear_sums();
-  add_all_chosen(view, 0u, count);
+  add_elements(view, 0u, count);
   reduce_sums();
 }
 
@@ -73,11 +61,6 @@ void main() {
   bool believes = has_belief(pair);
   ReferenceInfo reference = references[pairs[pair].reference];
   uint count = levels[push.level].element_count;
-  if (push.max_features > 0u) {
-    patch_step = max(1.0, float(reference.feature_count) / float(push.max_features));
-    halved = reference.feature_count > ICLK_SEARCH_WHOLE ? 1 : 0;
-    count = min(reference.feature_count, push.max_features) * (ICLK_PATCH_AREA >> halved);
-  }
   View view = view_of(pair);
   Lm lm = load_state(pair);
   if ((push.flags & ICLK_FLAG_GIVEN) != 0u) {

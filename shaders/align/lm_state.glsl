@@ -71,7 +71,7 @@ void lm_advance(inout Lm lm, uint pair, uint iteration, bool believes, float foc
   bool accepted = lm_judge(lm, pair, believes);
   float lambda = lm.lambda;
   lm_propose(lm, pair, believes, focal, mean_inverse_depth, push.step_tolerance);
-  if (!write || (push.flags & ICLK_FLAG_NO_TRACE) != 0u) return;
+  if (!write) return;
   uint at = pair * push.trace_stride + push.trace_offset + iteration;
   STORE_POSE(trace[at].pose, lm.pose)
   trace[at].cost = cost;

@@ -1,8 +1,7 @@
 #version 460
 // The start of a pair by matching: the best hypothesis of each of ICLK_MATCH_GROUP shares is refined on all correspondences
 // with Tukey's weights, and the best of these stands if enough of them agree with it. Then the pair begins there, at a fine
-// level, and its search is switched off: what coarse levels see of a motion with parallax leads away from a good start
-// (docs/design.md). Otherwise the pair is as the host gave it.
+// level: what coarse levels see of a motion with parallax leads away from a good start (docs/design.md). Otherwise the pair is as the host gave it.
 // Groups: (1, 1, pairs).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -14,7 +13,6 @@ layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo 
 layout(set = 0, binding = 1, std430) buffer Pairs { PairInfo pairs[]; };
 TEXELS(2, vec4, correspondences)
 layout(set = 0, binding = 3, std430) readonly buffer Hypotheses { vec4 hypotheses[]; };
-layout(set = 0, binding = 4, std430) buffer Starts { PairInfo starts[]; };  // of a pair: its own guess first
 layout(push_constant) uniform Push { MatchPush push; };
 #include "se3.glsl"
 #include "search/match_cost.glsl"
@@ -105,16 +103,10 @@ void main() {
     pairs[pair].matched = any ? 1u : 0u;
     pairs[pair].repeats = view.repeats;
   }
-  uint start = pair * push.starts;
   float length = 1.0 / reference.mean_inverse_depth;
   if (mine) {
     pairs[pair].first_level = push.first_level;
     pairs[pair].pose = float[12](T.R[0][0], T.R[1][0], T.R[2][0], T.t.x * length, T.R[0][1], T.R[1][1], T.R[2][1],
                                  T.t.y * length, T.R[0][2], T.R[1][2], T.R[2][2], T.t.z * length);
   }
-  if (!any && lane == 0u) {  // commands may be executed again: what the last time has left is undone
-    pairs[pair].first_level = push.coarsest;
-    pairs[pair].pose = starts[start].pose;
-  }
-  for (uint i = lane; i < push.starts; i += ICLK_MATCH_GROUP) starts[start + i].enabled = any ? 0u : 1u;
 }

@@ -161,7 +161,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const engine::Workspace memory(context, ids.plan);
   if (!memory[ids.pixels0].mapped) GTEST_SKIP() << "device memory is not mapped here";
   network.load(context, memory, sizes.iterate);
-  const internal::RunBuffers run_ids(layout, plan, options, Solver::host, true, 1);
+  const internal::RunBuffers run_ids(layout, plan, Solver::host, true, 1);
   const engine::Workspace run(context, run_ids.plan);
   engine::DescriptorArena arena(context, internal::Stages::arena_size(kernels, network, matching));
   const internal::Stages stages{layout, plan,    options, sizes,   kernels,  ids,

@@ -44,7 +44,7 @@ class OtherDevices : public testing::TestWithParam<Setting> {
       options.iterations = 4;
       options.precision = setting.precision;
     }
-    options.search.enabled = setting.search;
+    options.search = setting.search;
     Plan plan = plan_for(scene.camera, 60);
     plan.format = setting.format;
     plan.target_masks = setting.masked;

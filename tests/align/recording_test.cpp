@@ -238,7 +238,7 @@ TEST(Recording, FailuresHaveTheSameStatusInTheBuffer) {
     AlignerOptions options;
     options.levels = c.levels;
     options.iterations = c.iterations;
-    options.search.enabled = c.search;
+    options.search = c.search;
     DeviceAligner aligner(context, plan, options, Solver::device);
     aligner.set_reference(0, {{c.reference->data(), 160, 120, 0, PixelFormat::r8}, scene.camera, features, {}});
     ApplicationImage image(app, 160, 120, VK_FORMAT_R8_UNORM, VK_IMAGE_LAYOUT_GENERAL);

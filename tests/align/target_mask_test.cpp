@@ -149,7 +149,7 @@ TEST_P(TargetMask, StartsAreNotMatchedUnderIt) {
   for (size_t i = 0; i < image1.data.size(); ++i)
     if (mask.data[i] == 0) image1.data[i] = elsewhere.data[i];
   AlignerOptions options;
-  options.search.enabled = true;
+  options.search = true;
   const Alignment a = align({image0.view(), scene.camera, features, {}}, masked(image1, mask), options);
   EXPECT_EQ(a.status, Status::converged) << a.reason;
   EXPECT_LT(pixel_error(scene, features, a.T_10), 0.1);

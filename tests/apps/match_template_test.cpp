@@ -53,7 +53,7 @@ TEST(MatchTemplate, FindsTheSamePlaces) {
     Plan plan{320, 240};
     plan.max_features = 100;
     AlignerOptions options;
-    options.search.enabled = true;
+    options.search = true;
     const internal::MatchLayout layout(plan, options);
     ASSERT_EQ(layout.scale, 2);
     const Map map0 = internal::match_map(grey_map(render(scene, 0).view()), layout),

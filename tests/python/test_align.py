@@ -142,7 +142,7 @@ def test_a_learned_model_answers_where_it_is_asked(small: Scene) -> None:
         ({"sigma": np.ones(3)}, "sigma"),
         ({"levels": 40}, "level"),
         ({"robust": "hubert"}, "huber"),
-        ({"search": "yes"}, "rotations"),
+        ({"search": "yes"}, "auto, on, off"),
         ({"solver": "gpu"}, "host, device, cpu"),
         ({"refine_rounds": -1}, "round"),
         ({"reference": np.zeros((0, 0), np.uint8), "target": np.zeros((0, 0), np.uint8)}, "0x0|0 x 0|empty|image"),

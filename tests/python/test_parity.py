@@ -92,7 +92,7 @@ CPU = [
     ({"structure": True}, ["--structure"]),
     ({"robust": "tukey", "levels": 3, "damping": "adaptive"}, ["--robust", "tukey", "--levels", "3", "--damping", "adaptive"]),
     ({"search": "off", "photometric": False}, ["--search", "off", "--no-photometric"]),
-    ({"search": "rotations", "rolling_shutter": False}, ["--search", "rotations", "--global-shutter"]),
+    ({"search": "on", "rolling_shutter": False}, ["--search", "on", "--global-shutter"]),
     ({"camera_sigma": 0.3}, ["--camera-sigma", "0.3"]),
     ({"model": "sd6dof-small", "recolour": False}, ["--model", "sd6dof-small", "--no-recolour"]),
 ]

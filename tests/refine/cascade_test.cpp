@@ -33,7 +33,7 @@ struct Scene {
 AlignerOptions options_of(bool search) {
   AlignerOptions options;
   options.levels = 3;
-  options.search.enabled = search;
+  options.search = search;
   return options;
 }
 

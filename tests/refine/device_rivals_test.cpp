@@ -22,7 +22,7 @@ struct ImagePair {
 
 AlignerOptions aligner_options() {
   AlignerOptions options;
-  options.search.enabled = true;
+  options.search = true;
   return options;
 }
 

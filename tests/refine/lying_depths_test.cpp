@@ -13,7 +13,7 @@ using test::Relief;
 
 RefinedAlignment align(const Relief& relief, const Features& features) {
   AlignerOptions options;
-  options.search.enabled = true;
+  options.search = true;
   Plan plan{relief.camera.width, relief.camera.height};
   plan.max_features = features.size();
   plan.format = PixelFormat::r32f;

@@ -16,7 +16,7 @@ using namespace test::rivals;
 
 RefinedAlignment align(const Frame& image0, const Frame& image1) {
   AlignerOptions options;
-  options.search.enabled = true;
+  options.search = true;
   Plan plan{kCamera.width, kCamera.height};
   plan.max_features = 300;
   plan.format = PixelFormat::r32f;

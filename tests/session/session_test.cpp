@@ -219,7 +219,7 @@ TEST(Session, OtherModelsAreAskedInTheirOrder) {
   const Views near, far(0.3);
   SessionOptions options = on_cpu();
   AlignerOptions searching;
-  searching.search.enabled = true;
+  searching.search = true;
   options.stages = {{}, {searching}};
   Session session(options);
   EXPECT_EQ(model_name(session.stages()), "auto");
@@ -240,7 +240,7 @@ TEST(Session, ErrorsNameTheValue) {
   options.model = "no such model";
   expect_error([&] { Session session(options); }, ErrorCode::io, "no such model");
   expect_error([] { Session session({.model = "classical"}, nullptr); }, ErrorCode::invalid_argument, "Solver::cpu");
-  expect_error([] { parse_search("far"); }, ErrorCode::invalid_argument, "auto, on, rotations, off");
+  expect_error([] { parse_search("far"); }, ErrorCode::invalid_argument, "auto, on, off");
 
   const Views v, large(0.01, 200, 150);
   Session session(on_cpu());

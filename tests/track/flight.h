@@ -69,7 +69,7 @@ struct Tracking {
       : aligner(make(options, cpu)), tracker(*aligner, Flight::get().camera, options) {}
   static std::unique_ptr<Aligner> make(const TrackerOptions& options, bool cpu) {
     AlignerOptions how;
-    how.search.enabled = true;
+    how.search = true;
     const Plan plan = Tracker::plan(Flight::get().camera, options);
     if (cpu) return make_cpu_aligner(plan, how);
     return make_device_aligner(device(), plan, how, Solver::device);

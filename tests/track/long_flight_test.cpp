@@ -55,7 +55,7 @@ TEST(LongFlight, MemoryDoesNotGrow) {
   options.keyframes = 6;
   options.window = 3;
   AlignerOptions how;
-  how.search.enabled = true;
+  how.search = true;
   const auto aligner = make_device_aligner(device(), Tracker::plan(camera, options), how, Solver::device);
   Tracker tracker(*aligner, camera, options);
   const int frames = frames_to_fly();

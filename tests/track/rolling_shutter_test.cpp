@@ -251,7 +251,7 @@ Shaken track_shaken(const ShakenFlight& flight, double readout, double depth_sig
   options.keyframes = 8;
   options.readout = readout;
   AlignerOptions how;
-  how.search.enabled = true;
+  how.search = true;
   const auto aligner = make_device_aligner(device(), Tracker::plan(flight.camera, options), how, Solver::device);
   Tracker tracker(*aligner, flight.camera, options);
   Shaken out;

@@ -81,7 +81,7 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--robust", choices=("unit", "huber", "tukey", "cauchy"))
     what.add_argument("--precision", choices=("fp32", "fp16"))
     what.add_argument("--damping", choices=("fixed", "adaptive"))
-    what.add_argument("--search", choices=("auto", "on", "off", "rotations"))
+    what.add_argument("--search", choices=("auto", "on", "off"))
     what.add_argument("--photometric", action=argparse.BooleanOptionalAction, default=None)
     what.add_argument("--no-refine", action="store_const", const=False, dest="refine")
     what.add_argument("--refine-rounds", type=int)
