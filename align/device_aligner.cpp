@@ -50,7 +50,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, solver, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
-      network(*context, model, layout, plan, options, batch, tuning, ids.plan),
+      network(*context, model, layout, plan, batch, tuning, ids.plan),
       matching(plan, options, layout, sizes, batch, ids.plan),
       memory(context, ids.plan),
       run_ids(layout, plan, solver, context->unified_memory(), batch),
@@ -86,7 +86,7 @@ engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context
   const internal::WorkgroupSizes sizes(context.info(), options);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
-  const internal::DeviceNetwork network(context, model, layout, plan, options, batch, tuning, ids.plan);
+  const internal::DeviceNetwork network(context, model, layout, plan, batch, tuning, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, batch, ids.plan);
   const internal::RunBuffers run_ids(layout, plan, solver, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);

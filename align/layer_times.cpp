@@ -65,21 +65,19 @@ internal::MapPlace place_of(const internal::ConvStep& step) {
   return {0, pitch, pitch * height, 0, 0, width, height};
 }
 
-// Those of layers of one precision: a variant's are made apart from the others', as they may fail.
+// Those of a variant are made apart from the others', as they may fail.
 struct Kernels {
-  Kernels(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes, Precision precision)
-      : maps(context, precision) {
+  Kernels(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes) : maps(context) {
     for (ConvVariant variant : kConvVariants) {
       std::vector<internal::ConvStep> steps;
-      for (const ConvShape& shape : shapes)
-        if (shape.precision == precision) {
-          const internal::ConvStep step = step_of(shape, variant, *context);
-          if (is_there(step, *context)) steps.push_back(step);
-        }
+      for (const ConvShape& shape : shapes) {
+        const internal::ConvStep step = step_of(shape, variant, *context);
+        if (is_there(step, *context)) steps.push_back(step);
+      }
       if (steps.empty()) continue;
       const auto failed = attempt([&] {
         convolutions.try_emplace(variant, context, std::span<const internal::ConvStep>(steps),
-                                 internal::can_shuffle(context->info()), precision);
+                                 internal::can_shuffle(context->info()));
       });
       if (failed) errors.try_emplace(variant, *failed);
     }
@@ -94,12 +92,11 @@ struct Tensors {
   Tensors(const std::shared_ptr<const engine::Context>& context, const ConvShape& shape) {
     const internal::ConvStep step = step_of(shape, ConvVariant::direct, *context);
     // A reduced output and the sums behind it are smaller than a whole one, but not at a pixel or two.
-    const uint64_t texel = internal::texel_bytes(shape.precision),
-                   reduced = shape.last ? internal::channel_sums(step, shape.precision).bytes(1) / texel + 1 : 0;
+    const uint64_t reduced = shape.last ? internal::channel_sums(step).texels(1) : 0;
     engine::MemoryPlan plan;
     const auto add = [&](const char* what, uint64_t texels) {
-      return plan.add(what, texel * texels, engine::MemoryKind::device, internal::ConvKernels::kActivations,
-                      internal::texel_format(shape.precision));
+      return plan.add(what, internal::kTexelBytes * texels, engine::MemoryKind::device, internal::ConvKernels::kActivations,
+                      internal::kTexelFormat);
     };
     x = add("tuning: input", std::max(step.in.texels(), step.half.texels()));
     y = add("tuning: output", std::max(step.out.texels(), reduced));
@@ -109,7 +106,7 @@ struct Tensors {
     engine::DescriptorArena arena(context, {});
     engine::Recorder recorder(fill, arena);
     // 0.5: denormals and NaN have times of their own.
-    recorder.fill((*memory)[x], shape.precision == Precision::fp16 ? 0x38003800u : 0x3f000000u);
+    recorder.fill((*memory)[x], 0x3f000000u);
     fill.end();
     fill.submit_and_wait();
   }
@@ -131,8 +128,7 @@ class Trial {
     step.packed = packed.add(layer, variant);
     engine::MemoryPlan plan;
     const auto add = [&](const char* what, uint64_t texels, engine::BufferUse use) {
-      return plan.add(what, internal::texel_bytes(Precision::fp32) * texels, engine::MemoryKind::device, use,
-                      internal::texel_format(Precision::fp32));
+      return plan.add(what, internal::kTexelBytes * texels, engine::MemoryKind::device, use, internal::kTexelFormat);
     };
     using Uses = internal::ConvKernels;
     const auto w = add("tuning: weights", packed.data().size() / 4, Uses::kWeights),
@@ -229,12 +225,12 @@ const LayerTimes::Way* LayerTimes::way(ConvVariant variant) const {
 
 std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes,
                                     int repetitions, const std::function<void(int, int)>& progress) {
-  std::map<Precision, Kernels> kernels;
   std::vector<LayerTimes> times;
+  if (shapes.empty()) return times;
+  const Kernels kernels(context, shapes);
   for (const ConvShape& shape : shapes) {
     if (progress) progress(static_cast<int>(times.size()), static_cast<int>(shapes.size()));
-    const auto& made = kernels.try_emplace(shape.precision, context, shapes, shape.precision).first->second;
-    times.push_back(time_layer(context, made, shape, repetitions));
+    times.push_back(time_layer(context, kernels, shape, repetitions));
   }
   return times;
 }

@@ -15,8 +15,6 @@ namespace {
 
 }  // namespace
 
-const char* name(Precision precision) { return precision == Precision::fp16 ? "fp16" : "fp32"; }
-
 void AlignerOptions::check() const {
   const auto need = [](bool ok, const char* what, double value, const char* range) {
     if (!ok) refuse(what, value, range);

@@ -18,11 +18,6 @@ enum class Damping {
   adaptive,  ///< Levenberg-Marquardt: a step that raises the cost is taken back, lambda follows the gain ratio
 };
 
-/// Of the activations that a model's encoder keeps between its layers on a device; sums are always single. fp16 halves their
-/// memory; its maps and poses differ by more than rounding (docs/convolutions.md has bounds), and values beyond 65504 overflow.
-enum class Precision { fp32, fp16 };
-const char* name(Precision precision);
-
 /// How to align. Defaults: the classical mode (grey pyramid) with gain and bias, and Huber's weights.
 struct AlignerOptions {
   int levels = 4;
@@ -45,10 +40,9 @@ struct AlignerOptions {
   /// 0.9, wrong ones and edges of one direction in noise at most 0.06.
   double min_agreement = 0.1;
   /// Looks for a start of pairs without a first guess: each feature's patch is looked for in the whole target, in grey values,
-  /// with rolls of up to 0.5 rad; poses from three of these correspondences each are scored by all, and the best one is refined.
-  /// Where enough agree with it, the pair begins there, at a fine level; where not, at its guess. Sparse mode.
+  /// with rolls of up to 0.5 rad; poses from three of these correspondences each are scored by all, and the best one is
+  /// refined. Where enough agree with it, the pair begins there, at a fine level; where not, at its guess. Sparse mode.
   bool search = false;
-  Precision precision = Precision::fp32;  ///< of a device; the CPU reference and the grey pyramid are single always
   double residual_sigma = 0.02;  ///< standard deviation of a residual, in feature units: the photometric weight beside a prior
 
   /// Throws Error(invalid_argument) that names the value and its range.

@@ -10,7 +10,7 @@
 namespace iclk {
 namespace {
 
-constexpr std::string_view kHeader = "iclk-tuning 4";
+constexpr std::string_view kHeader = "iclk-tuning 5";
 std::optional<ConvVariant> variant_of(std::string_view word) {
   for (ConvVariant variant : kConvVariants)
     if (word == name(variant)) return variant;
@@ -49,23 +49,22 @@ std::string Tuning::text(std::string_view key) const {
   std::ostringstream out;
   out << kHeader << "\n" << key << "\n" << variants.size() << "\n";
   for (const auto& [s, variant] : variants)
-    out << s.in << " " << s.out << " " << s.dilation << " " << s.width << " " << s.height << " " << name(s.precision) << " "
-        << s.last << " " << name(variant) << "\n";
+    out << s.in << " " << s.out << " " << s.dilation << " " << s.width << " " << s.height << " " << s.last << " "
+        << name(variant) << "\n";
   const std::string body = out.str();
   return body + checksum(body) + "\n";
 }
 
 std::optional<Tuning> Tuning::parse(std::string_view text, std::string_view key) {
   std::istringstream in{std::string(text)};
-  std::string line, precision, word;
+  std::string line, word;
   if (!std::getline(in, line) || line != kHeader || !std::getline(in, line) || line != key) return {};
   Tuning tuning;
   size_t count = 0;
   if (!(in >> count)) return {};
   for (size_t i = 0; i < count; ++i) {
     ConvShape s;
-    if (!(in >> s.in >> s.out >> s.dilation >> s.width >> s.height >> precision >> s.last >> word)) return {};
-    s.precision = precision == name(Precision::fp16) ? Precision::fp16 : Precision::fp32;  // the checksum knows of any other
+    if (!(in >> s.in >> s.out >> s.dilation >> s.width >> s.height >> s.last >> word)) return {};
     const auto variant = variant_of(word);
     if (!variant) return {};
     tuning.variants[s] = *variant;
@@ -81,14 +80,14 @@ std::string tuning_key(const engine::Context& context) {
   return out.str();
 }
 
-std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels, Precision precision) {
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels) {
   levels = std::min(levels, model.levels());
-  const internal::Tiling tiling(model, static_cast<uint32_t>(width), static_cast<uint32_t>(height), levels, precision);
+  const internal::Tiling tiling(model, static_cast<uint32_t>(width), static_cast<uint32_t>(height), levels);
   std::set<ConvShape> shapes;
   for (int l = 0; l < levels; ++l)
     for (const ConvLayer& layer : model.encoder[static_cast<size_t>(l)])
       shapes.insert({layer.in, layer.out, layer.dilation, static_cast<int>(tiling.width >> l),
-                     static_cast<int>(tiling.height >> l), precision, &layer == &model.encoder[static_cast<size_t>(l)].back()});
+                     static_cast<int>(tiling.height >> l), &layer == &model.encoder[static_cast<size_t>(l)].back()});
   return {shapes.begin(), shapes.end()};
 }
 

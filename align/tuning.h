@@ -24,11 +24,10 @@ constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winog
                                          ConvVariant::cooperative};
 const char* name(ConvVariant variant);
 
-/// A layer of an encoder at the size at which it is computed, pixels, and the precision of what goes in and out. The last layer
-/// of a level is measured with what is made of its output.
+/// A layer of an encoder at the size at which it is computed, pixels. The last layer of a level is measured with what is made
+/// of its output.
 struct ConvShape {
   int in = 0, out = 0, dilation = 1, width = 0, height = 0;
-  Precision precision = Precision::fp32;
   bool last = false;
   auto operator<=>(const ConvShape&) const = default;
 };
@@ -55,8 +54,7 @@ std::string tuning_key(const engine::Context& context);
 
 /// Layers that a device computes of `levels` levels of a model's encoder at an image size, each once: those of a tile where
 /// the image is cut. Throws Error(unsupported) for an image that cannot be cut small enough.
-std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels,
-                                      Precision precision = Precision::fp32);
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels);
 
 /// What a layer of an image costs in each variant, seconds: of processor time on a device that is a CPU, else by the clock of
 /// the device, or where it has none the wall's.

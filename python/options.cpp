@@ -31,8 +31,6 @@ Setter word(Parse parse, Set set) {
 const std::map<std::string, Setter>& setters() {
   static const std::map<std::string, Setter> all = {
       {"model", into<std::string>([](SessionOptions & o) -> auto& { return o.model; })},
-      {"precision", word(
-                        parse_precision, [](SessionOptions & o) -> auto& { return o.precision; })},
       {"damping", word(
                       parse_damping, [](SessionOptions & o) -> auto& { return o.damping; })},
       {"search", word(

@@ -103,7 +103,7 @@ engine::KernelDescription colours_description(uint32_t pixel_format) {
           {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, texel_read, storage_read,
            texel_read, storage_write},
           sizeof(shaders::FeatureAlignmentPush),
-          {0, 0, pixel_format}};
+          {0, pixel_format}};
 }
 
 engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel& colours, const internal::GreyMaps& grey) {

@@ -33,7 +33,6 @@ ModelStage make_stage(const SessionOptions& options, const std::string& name) {
   aligner.carry = options.carry.value_or(aligner.carry);
   if (options.robust && !one_of_several) aligner.robust = *options.robust;
   aligner.damping = options.damping;
-  aligner.precision = options.precision;
   aligner.photometric = options.photometric.value_or(aligner.photometric);
   aligner.search = options.search == SearchMode::automatic ? !options.dense : options.search == SearchMode::on;
   return made;
@@ -62,19 +61,13 @@ Solver parse_solver(const std::string& name) {
 
 SearchMode parse_search(const std::string& name) {
   return parse_name<SearchMode>(name, "search",
-                                {{"auto", SearchMode::automatic},
-                                 {"on", SearchMode::on},
-                                 {"off", SearchMode::off}});
+                                {{"auto", SearchMode::automatic}, {"on", SearchMode::on}, {"off", SearchMode::off}});
 }
 
 Robust parse_robust(const std::string& name) {
   return parse_name<Robust>(
       name, "robust weight",
       {{"unit", Robust::unit}, {"huber", Robust::huber}, {"tukey", Robust::tukey}, {"cauchy", Robust::cauchy}});
-}
-
-Precision parse_precision(const std::string& name) {
-  return parse_name<Precision>(name, "precision", {{"fp32", Precision::fp32}, {"fp16", Precision::fp16}});
 }
 
 Damping parse_damping(const std::string& name) {

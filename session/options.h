@@ -42,7 +42,6 @@ struct SessionOptions {
   std::optional<Robust> robust = {};
   std::optional<bool> photometric = {};
   Damping damping = Damping::fixed;
-  Precision precision = Precision::fp32;
   /// Models with options of your own. Unless empty, they replace `model` and all that stands between it and here.
   std::vector<ModelStage> stages = {};
 
@@ -69,7 +68,6 @@ std::string model_name(const std::vector<ModelStage>& stages);
 Solver parse_solver(const std::string& name);
 SearchMode parse_search(const std::string& name);
 Robust parse_robust(const std::string& name);
-Precision parse_precision(const std::string& name);
 Damping parse_damping(const std::string& name);
 
 }  // namespace iclk

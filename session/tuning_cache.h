@@ -17,7 +17,7 @@ std::string cache_folder();
 /// The file of a folder in which choices for this device, driver and set of shaders are remembered.
 std::string tuning_file(const engine::Context& context, const std::string& folder);
 
-/// What that file holds, of all models, sizes and precisions. Nothing where the folder is empty (""), the file is not there,
+/// What that file holds, of all models and sizes. Nothing where the folder is empty (""), the file is not there,
 /// damaged or of something else.
 Tuning read_tuning(const engine::Context& context, const std::string& folder);
 

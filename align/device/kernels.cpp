@@ -63,7 +63,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
                        choose_comp_spv,
                        {texel_read, sampled_image, storage_write},
                        sizeof(ChoosePush),
-                       {0, 0, shader_format(plan.format)}});
+                       {0, shader_format(plan.format)}});
     batch.add(chosen, {"choose", chosen_comp_spv, {storage_read_write, storage_read}, sizeof(ChosenPush), {}});
     batch.add(enable, {"choose", enable_comp_spv, {storage_read, storage_read_write}, sizeof(ChosenPush), {}});
   }

@@ -6,10 +6,8 @@
 namespace iclk::internal {
 
 /// Of a texel of activations: four channels.
-constexpr uint64_t texel_bytes(Precision precision) { return precision == Precision::fp16 ? 8 : 16; }
-constexpr VkFormat texel_format(Precision precision) {
-  return precision == Precision::fp16 ? VK_FORMAT_R16G16B16A16_SFLOAT : VK_FORMAT_R32G32B32A32_SFLOAT;
-}
+constexpr uint64_t kTexelBytes = 16;
+constexpr VkFormat kTexelFormat = VK_FORMAT_R32G32B32A32_SFLOAT;
 
 /// Where the activations of `images` images lie in a texel buffer: NC4HW4, planes with a border of zeros. All in texels.
 struct TensorLayout {

@@ -95,31 +95,26 @@ bool can_fuse(const ConvStep& step, const engine::Context& context) {
          (!of_whole_tiles(step.variant) || most_item_blocks(step) > 0);
 }
 
-ChannelSums channel_sums(const ConvStep& step, Precision precision) {
-  const uint64_t means = step.half.width ? step.half.texels() * texel_bytes(precision) : 0;
+ChannelSums channel_sums(const ConvStep& step) {
   ChannelSums sums;
-  sums.offset = static_cast<uint32_t>((means + 15) / 16);
+  sums.offset = static_cast<uint32_t>(step.half.width ? step.half.texels() : 0);
   sums.pitch = (step.out.width + 1) / 2;
   sums.plane = sums.pitch * ((step.out.height + 1) / 2);
   sums.planes = engine::groups_for(step.out.channels, kBlock);
   return sums;
 }
 
-ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle,
-                         Precision precision)
-    : precision_(precision),
-      type_(context->info().type),
+ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle)
+    : type_(context->info().type),
       direct_lanes_(type_ == engine::DeviceType::cpu ? 32 : 128),
       column_lanes_(type_ == engine::DeviceType::cpu ? 32 : 64),
       product_lanes_(product_lanes(context->info().type)) {
   using enum engine::BindingKind;
   using Spirv = engine::ShaderCode;
   const bool cpu = type_ == engine::DeviceType::cpu;
-  const uint32_t half = precision == Precision::fp16;
   engine::KernelBatch wanted(context);
-  wanted.add(
-      border_,
-      {"encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes, half}});
+  wanted.add(border_,
+             {"encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes}});
   const auto columns = [&](engine::Kernel& kernel, Spirv spirv, std::vector<uint32_t> constants) {
     wanted.add(kernel, {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), constants});
   };
@@ -128,16 +123,16 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   for (const ConvStep& step : steps) switch (step.variant) {
       case ConvVariant::direct:
         columns(direct_[direct_rows(step) - 1], shuffle && cpu ? conv_direct_comp_spv : conv_direct_shared_comp_spv,
-                {direct_lanes_, half, direct_rows(step)});
+                {direct_lanes_, direct_rows(step)});
         break;
       case ConvVariant::winograd4x1:
         if (step.fused)
-          wanted.add(fused_columns_[FusedColumns::kernel_of(step)], FusedColumns::description(step, precision));
+          wanted.add(fused_columns_[FusedColumns::kernel_of(step)], FusedColumns::description(step));
         else
-          columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv), {column_lanes_, half});
+          columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv), {column_lanes_});
         break;
       case ConvVariant::cooperative:
-        wanted.add(cooperative_[CooperativeConv::kernel_of(step)], CooperativeConv::description(step, *context, precision));
+        wanted.add(cooperative_[CooperativeConv::kernel_of(step)], CooperativeConv::description(step, *context));
         break;
       case ConvVariant::winograd4:
         if (step.fused) {
@@ -145,7 +140,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
                                                  winograd4_fused_comp_spv,
                                                  {image_read, image_read, storage_write, storage_read_write, texel_read},
                                                  kWinogradBytes,
-                                                 {product_lanes_, half, step.reduced}});
+                                                 {product_lanes_, step.reduced}});
           break;
         }
         wanted.add(tile_input_,
@@ -154,7 +149,7 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
                                                  choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
                                                  {image_read, image_read, storage_write},
                                                  kWinogradBytes,
-                                                 {product_lanes_, half, step.reduced}});
+                                                 {product_lanes_, step.reduced}});
         break;
     }
   wanted.make();
@@ -209,7 +204,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
   set_layer(push, step, 0, to);
   push.lane_bits = static_cast<uint32_t>(std::countr_zero(product_lanes_));
   push.halves = step.half.width > 0 && step.half.height > 0;
-  push.sums = step.reduced ? channel_sums(step, precision_).offset : 0;
+  push.sums = step.reduced ? channel_sums(step).offset : 0;
   push.tiles_x = tiles.x;
   push.tiles_y = tiles.y;
   if (step.fused) {

@@ -21,22 +21,21 @@ struct ChannelSums {
   uint32_t pitch, plane, planes;
 
   uint32_t image() const { return plane * planes; }
-  uint64_t bytes(uint32_t images) const { return 16ull * (offset + static_cast<uint64_t>(image()) * images); }
+  uint64_t texels(uint32_t images) const { return offset + static_cast<uint64_t>(image()) * images; }
 };
-ChannelSums channel_sums(const ConvStep& step, Precision precision);
+ChannelSums channel_sums(const ConvStep& step);
 
 /// The device's kernels for convolutions of whole maps.
 class ConvKernels {
  public:
-  /// Uses of the buffers that record() takes; all have texel_format(), weights and scratch that of single precision.
+  /// Uses of the buffers that record() takes; all have kTexelFormat.
   static constexpr auto kActivations = engine::BufferUse::storage | engine::BufferUse::texel,
                         kWeights = engine::BufferUse::texel | engine::BufferUse::image,
                         kScratch = engine::BufferUse::storage | engine::BufferUse::image;
 
   /// Those that `steps` need: of each its variant, and whether it is reduced or fused, count. `shuffle`: see can_shuffle(); no
-  /// step is fused without. `precision`: of the activations; weights and transformed tiles are single.
-  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle,
-              Precision precision);
+  /// step is fused without.
+  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle);
 
   /// Scratch texels that a step asks for on a device; 0: none. Not fused: more than one strip of tiles where they are fewer
   /// than a CPU's caches hold, or fill a large device.
@@ -66,7 +65,6 @@ class ConvKernels {
   /// Pixels of a column that an invocation of the direct kernel makes.
   uint32_t direct_rows(const ConvStep& step) const;
 
-  Precision precision_;
   engine::DeviceType type_;
   uint32_t direct_lanes_, column_lanes_, product_lanes_;
   engine::Kernel border_, direct_[ICLK_CONV_MOST_ROWS], column_;  // direct_[rows - 1]

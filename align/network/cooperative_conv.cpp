@@ -27,23 +27,20 @@ bool CooperativeConv::can_run(const ConvStep& step, const engine::Context& conte
 
 uint32_t CooperativeConv::kernel_of(const ConvStep& step) { return channels_of(step) / kSide - 1; }
 
-engine::KernelDescription CooperativeConv::description(const ConvStep& step, const engine::Context& context,
-                                                       Precision precision) {
+engine::KernelDescription CooperativeConv::description(const ConvStep& step, const engine::Context& context) {
   if (!can_run(step, context))
     throw Error(ErrorCode::unsupported, "no cooperative matrices for this layer on " + context.info().name);
-  return description(step, context, precision, conv_cooperative_comp_spv, context.matrices());
+  return description(step, context, conv_cooperative_comp_spv, context.matrices());
 }
 
 engine::KernelDescription CooperativeConv::description(const ConvStep& step, const engine::Context& context,
-                                                       Precision precision, const engine::ShaderCode& code,
-                                                       const engine::MatrixSize& size) {
+                                                       const engine::ShaderCode& code, const engine::MatrixSize& size) {
   using enum engine::BindingKind;
-  const uint32_t half = precision == Precision::fp16;
   return {"encode",
           code,
           {texel_read, texel_read, storage_write},
           sizeof(shaders::ConvPush),
-          {lanes_of(context), half, size.m, size.n, size.k, channels_of(step)}};
+          {lanes_of(context), channels_of(step), size.m, size.n, size.k}};
 }
 
 void CooperativeConv::record(engine::Recorder& recorder, const engine::Kernel& kernel, const ConvStep& step,

@@ -16,8 +16,8 @@ class CooperativeConv {
 
   /// Which of the kernels a step needs, and how it is made. `code` computes with matrices of `size`.
   static uint32_t kernel_of(const ConvStep& step);
-  static engine::KernelDescription description(const ConvStep& step, const engine::Context& context, Precision precision);
-  static engine::KernelDescription description(const ConvStep& step, const engine::Context& context, Precision precision,
+  static engine::KernelDescription description(const ConvStep& step, const engine::Context& context);
+  static engine::KernelDescription description(const ConvStep& step, const engine::Context& context,
                                                const engine::ShaderCode& code, const engine::MatrixSize& size);
 
   /// See ConvKernels::record().

@@ -161,7 +161,7 @@ void MEstimator::load(std::shared_ptr<const engine::Context> context, const engi
                    convolution,
                    {texel_read, texel_read, storage_write, storage_read},
                    sizeof(shaders::ConvPush),
-                   {lanes_, false, rows, one}}};
+                   {lanes_, rows, one}}};
     }
   weight_ = {context,
              {"m_estimator",

@@ -2,11 +2,9 @@
 
 namespace iclk::internal {
 DeviceNetwork::DeviceNetwork(const engine::Context& context, const std::shared_ptr<const Model>& model, const Layout& layout,
-                             const Plan& plan, const AlignerOptions& options, int batch, const Tuning& tuning,
-                             engine::MemoryPlan& memory) {
+                             const Plan& plan, int batch, const Tuning& tuning, engine::MemoryPlan& memory) {
   if (!model) return;
-  encoder.emplace(context, model, layout, plan, static_cast<uint32_t>(batch + plan.max_references), memory, tuning,
-                  options.precision);
+  encoder.emplace(context, model, layout, plan, static_cast<uint32_t>(batch + plan.max_references), memory, tuning);
   if (!model->m_estimator.empty()) m_estimator.emplace(context, model, layout, plan, batch, memory);
 }
 

@@ -18,18 +18,15 @@ constexpr uint64_t kPassBytes = 192ull << 20;
 }  // namespace
 
 Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning, Precision precision,
-                 uint64_t most_bytes, bool shuffle)
+                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning, uint64_t most_bytes, bool shuffle)
     : model_(std::move(model)),
       format_(plan.format),
-      precision_(precision),
       shuffle_(shuffle && can_shuffle(context.info())),
       normalising_(context.info().type == engine::DeviceType::cpu ? Normalising{8, 20} : Normalising{64, 4}),
       row_pixels_(layout.row_pixels()),
       pixel_words_(layout.pixel_words),
       map_stride_(layout.map_stride),
-      tiling_(*model_, layout.levels[0].width, layout.levels[0].height, static_cast<int>(layout.levels.size()), precision,
-              most_bytes) {
+      tiling_(*model_, layout.levels[0].width, layout.levels[0].height, static_cast<int>(layout.levels.size()), most_bytes) {
   const auto tensors = encoder_tensors(*model_, tiling_.width, tiling_.height, static_cast<int>(layout.levels.size()));
   uint64_t weights = 0, scratch = 1;
   for (size_t l = 0; l < tensors.size(); ++l) {
@@ -46,7 +43,7 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       step.variant = context.storage_reads()
                          ? ConvVariant::direct
                          : tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
-                                          static_cast<int>(step.in.height), precision_, last},
+                                          static_cast<int>(step.in.height), last},
                                          context.info().type);
       // Measured on the same device by a context that had matrices.
       if (step.variant == ConvVariant::cooperative && !CooperativeConv::can_run(step, context))
@@ -69,22 +66,21 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
     levels_.push_back(std::move(level));
   }
   const auto texels = activation_texels();
-  const uint64_t texel = texel_bytes(precision_);
-  pass_ = static_cast<uint32_t>(std::clamp<uint64_t>(
-      std::min(kPassBytes / texel / (texels[0] + texels[1]), kActivationBytes / texel / std::max(texels[0], texels[1])), 1,
-      most_images));
+  pass_ = static_cast<uint32_t>(std::clamp<uint64_t>(std::min(kPassBytes / kTexelBytes / (texels[0] + texels[1]),
+                                                              kActivationBytes / kTexelBytes / std::max(texels[0], texels[1])),
+                                                     1, most_images));
   for (Level& level : levels_)
     for (ConvStep& step : level.steps) {
       step.in.images = step.out.images = pass_;
       scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
     }
-  const auto add = [&](const char* name, uint64_t count, Precision of, engine::BufferUse use = ConvKernels::kActivations) {
-    return memory.add(name, texel_bytes(of) * count, engine::MemoryKind::device, use, texel_format(of));
+  const auto add = [&](const char* name, uint64_t count, engine::BufferUse use = ConvKernels::kActivations) {
+    return memory.add(name, kTexelBytes * count, engine::MemoryKind::device, use, kTexelFormat);
   };
-  activations_[0] = add("activations, even layers", std::max<uint64_t>(texels[0], 1) * pass_, precision_);
-  activations_[1] = add("activations, odd layers", std::max<uint64_t>(texels[1], 1) * pass_, precision_);
-  weights_ = add("encoder weights", weights, Precision::fp32, ConvKernels::kWeights);
-  scratch_ = add("transformed tiles", scratch, Precision::fp32, ConvKernels::kScratch);
+  activations_[0] = add("activations, even layers", std::max<uint64_t>(texels[0], 1) * pass_);
+  activations_[1] = add("activations, odd layers", std::max<uint64_t>(texels[1], 1) * pass_);
+  weights_ = add("encoder weights", weights, ConvKernels::kWeights);
+  scratch_ = add("transformed tiles", scratch, ConvKernels::kScratch);
   const auto storage = [&](const char* name, uint64_t floats) {
     return memory.add(name, 4 * floats * pass_, engine::MemoryKind::device, engine::BufferUse::storage);
   };
@@ -118,8 +114,7 @@ std::array<uint64_t, 2> Encoder::activation_texels() const {
     if (writes_map(last)) {
       need(last.half.width > 0 ? last.half.texels() : 0);
     } else if (last.reduced) {
-      const uint64_t texel = texel_bytes(precision_);
-      need((channel_sums(last, precision_).bytes(1) + texel - 1) / texel);
+      need(channel_sums(last).texels(1));
     } else {
       need(last.out.texels());
       ++place;
@@ -130,7 +125,6 @@ std::array<uint64_t, 2> Encoder::activation_texels() const {
 
 void Encoder::load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory) {
   using enum engine::BindingKind;
-  const uint32_t half = precision_ == Precision::fp16;
   std::vector<ConvStep> steps;
   PackedWeights packed;
   for (size_t l = 0; l < levels_.size(); ++l)
@@ -147,7 +141,7 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                        image_moments_comp_spv,
                        {texel_read, storage_write},
                        sizeof(shaders::MomentsPush),
-                       {kLanes, half, format, channels}}};
+                       {kLanes, format, channels}}};
     image_light_ = {context, {"encode", image_light_comp_spv, {storage_read, storage_write}, 0, {kLanes}}};
   }
   normalise_ = {context,
@@ -155,9 +149,9 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  normalise_comp_spv,
                  {texel_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
-                 {normalising_.lanes, half, format, channels, by_image(), normalising_.pixels}}};
-  convolutions_.emplace(context, steps, shuffle_, precision_);
-  feature_maps_.emplace(context, precision_);
+                 {normalising_.lanes, format, channels, by_image(), normalising_.pixels}}};
+  convolutions_.emplace(context, steps, shuffle_);
+  feature_maps_.emplace(context);
 }
 
 void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Images> all) const {

@@ -10,11 +10,10 @@ constexpr uint32_t kLanes = 64;
 
 }  // namespace
 
-FeatureMaps::FeatureMaps(std::shared_ptr<const engine::Context> context, Precision precision) : precision_(precision) {
+FeatureMaps::FeatureMaps(std::shared_ptr<const engine::Context> context) {
   using enum engine::BindingKind;
   constexpr uint32_t bytes = sizeof(shaders::FeatureMapPush);
-  const uint32_t half = precision == Precision::fp16;
-  whole_ = {context, {"encode", feature_map_comp_spv, {texel_read, storage_write, storage_write}, bytes, {kLanes, half}}};
+  whole_ = {context, {"encode", feature_map_comp_spv, {texel_read, storage_write, storage_write}, bytes, {kLanes}}};
   for (const uint32_t whole : {0u, 1u})
     sums_[whole] = {context, {"encode", feature_sums_comp_spv, {storage_read, storage_write}, bytes, {kLanes, whole}}};
 }
@@ -30,7 +29,7 @@ void FeatureMaps::record(engine::Recorder& recorder, const ConvStep& last, const
   push.inverse_channels = 1.0f / static_cast<float>(in.channels);
   const engine::Groups groups{engine::groups_for((in.width + 1) / 2, kLanes), (in.height + 1) / 2, part.count};
   if (last.reduced) {
-    const ChannelSums sums = channel_sums(last, precision_);
+    const ChannelSums sums = channel_sums(last);
     push.in_offset = sums.offset + part.at * sums.image();
     push.in_pitch = sums.pitch;
     push.in_plane = sums.plane;

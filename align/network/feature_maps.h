@@ -9,7 +9,7 @@ namespace iclk::internal {
 /// 2x2 means of each channel, which are the next level's input.
 class FeatureMaps {
  public:
-  FeatureMaps(std::shared_ptr<const engine::Context> context, Precision precision);
+  explicit FeatureMaps(std::shared_ptr<const engine::Context> context);
 
   /// Of what `last`, which does not write_map(), has left in `made`. A reduced step has made the means; those of any other go
   /// to `next`.
@@ -19,7 +19,6 @@ class FeatureMaps {
   void add_to(engine::ArenaSize& size, uint32_t sources) const;
 
  private:
-  Precision precision_;
   engine::Kernel whole_, sums_[2];  // [1]: of whole vec4
 };
 

@@ -27,14 +27,13 @@ uint32_t FusedColumns::kernel_of(const ConvStep& step) {
   return step.reduced ? 1 + 2 * (step.dilation % 2 == 0) + step.whole_map : 0;
 }
 
-engine::KernelDescription FusedColumns::description(const ConvStep& step, Precision precision) {
+engine::KernelDescription FusedColumns::description(const ConvStep& step) {
   using enum engine::BindingKind;
-  const uint32_t half = precision == Precision::fp16;
   return {"encode",
           winograd4x1_fused_comp_spv,
           {texel_read, texel_read, storage_write, storage_read_write, storage_write, storage_write},
           sizeof(shaders::ColumnPush),
-          {kLanes, half, step.reduced, paired(step), step.whole_map}};
+          {kLanes, step.reduced, paired(step), step.whole_map}};
 }
 
 bool FusedColumns::can_reduce(const ConvStep& step) {

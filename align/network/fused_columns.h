@@ -15,7 +15,7 @@ class FusedColumns {
   static constexpr uint32_t kKernels = 5;
   /// Which of the kernels a step needs, and how it is made.
   static uint32_t kernel_of(const ConvStep& step);
-  static engine::KernelDescription description(const ConvStep& step, Precision precision);
+  static engine::KernelDescription description(const ConvStep& step);
   static bool can_reduce(const ConvStep& step);
 
   engine::Kernel& operator[](uint32_t kernel) { return kernels_[kernel]; }

@@ -72,13 +72,10 @@ uint64_t most_texels(const std::vector<std::vector<TensorLayout>>& tensors) {
   return texels;
 }
 
-Tiling::Tiling(const Model& model, uint32_t image_width, uint32_t image_height, int levels, Precision precision,
-               uint64_t most_bytes) {
+Tiling::Tiling(const Model& model, uint32_t image_width, uint32_t image_height, int levels, uint64_t most_bytes) {
   const uint32_t grid = 1u << (levels - 1), margin = margin_of(model, levels, grid);
   const Axis across{image_width, grid, margin}, down{image_height, grid, margin};
-  const auto bytes = [&](uint32_t w, uint32_t h) {
-    return texel_bytes(precision) * most_texels(encoder_tensors(model, w, h, levels));
-  };
+  const auto bytes = [&](uint32_t w, uint32_t h) { return kTexelBytes * most_texels(encoder_tensors(model, w, h, levels)); };
   uint64_t fewest = UINT64_MAX;
   uint32_t best_columns = 0, best_rows = 0;
   for (uint32_t m = 1; m <= across.most_tiles() && across.pixels(m) * image_height < fewest; ++m) {

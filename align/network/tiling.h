@@ -16,8 +16,8 @@ std::vector<std::vector<TensorLayout>> encoder_tensors(const Model& model, uint3
 uint64_t most_texels(const std::vector<std::vector<TensorLayout>>& tensors);
 
 /// How an image is cut for an encoder. A tile is encoded as an image of its own and is as large as the others; of its maps only
-/// those pixels are taken that no wrong border reaches. All in pixels of level 0. Arithmetic only, and of size, model,
-/// precision and limit alone, so that an image has the same maps in every batch.
+/// those pixels are taken that no wrong border reaches. All in pixels of level 0. Arithmetic only, and of size, model
+/// and limit alone, so that an image has the same maps in every batch.
 struct Tiling {
   /// A column or a row of tiles: they begin at `origin` and give the maps of [begin, end), which lie one after the other. The
   /// first tile begins and the last one ends where the image does, whose border is then theirs. All but the last `end`
@@ -27,8 +27,7 @@ struct Tiling {
   };
   /// One tile if no more than `most_bytes` a buffer are needed, else the cut with the fewest pixels to compute.
   /// Throws Error(unsupported) if the margins that `levels` levels of the model need leave no tile so small.
-  Tiling(const Model& model, uint32_t width, uint32_t height, int levels, Precision precision = Precision::fp32,
-         uint64_t most_bytes = kActivationBytes);
+  Tiling(const Model& model, uint32_t width, uint32_t height, int levels, uint64_t most_bytes = kActivationBytes);
 
   uint32_t width, height;  // of a tile
   std::vector<Span> columns, rows;

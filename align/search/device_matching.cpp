@@ -52,7 +52,7 @@ void DeviceMatching::load(const std::shared_ptr<const engine::Context>& context)
   constexpr uint32_t push = sizeof(shaders::MatchPush);
   engine::KernelBatch batch(context);
   batch.add(grey_kernel_,
-            {"match_grey", match_grey_comp_spv, {texel_read, storage_write}, push, {sizes_.map, 0, shader_format(format_)}});
+            {"match_grey", match_grey_comp_spv, {texel_read, storage_write}, push, {sizes_.map, shader_format(format_)}});
   batch.add(describe_reference_, {"describe_reference",
                                   describe_reference_comp_spv,
                                   {texel_read, storage_read, storage_read, storage_write},
@@ -75,18 +75,13 @@ void DeviceMatching::load(const std::shared_ptr<const engine::Context>& context)
                            {storage_read, storage_read, texel_read, storage_write},
                            push,
                            {std::min(sizes_.iterate, 64u)}});
-  batch.add(pose_, {"match_pose",
-                    match_pose_comp_spv,
-                    {storage_read, storage_read_write, texel_read, storage_read},
-                    push,
-                    {}});
+  batch.add(pose_, {"match_pose", match_pose_comp_spv, {storage_read, storage_read_write, texel_read, storage_read}, push, {}});
   batch.make();
-  cells_kernel_ =
-      engine::Kernel::deferred(context, {"match",
-                                         match_comp_spv,
-                                         {storage_read, storage_read, texel_read, texel_read, storage_write},
-                                         push,
-                                         {std::min(sizes_.iterate, 64u), 1, ICLK_ELSEWHERE_CELL, 1}});
+  cells_kernel_ = engine::Kernel::deferred(context, {"match",
+                                                     match_comp_spv,
+                                                     {storage_read, storage_read, texel_read, texel_read, storage_write},
+                                                     push,
+                                                     {std::min(sizes_.iterate, 64u), 1, ICLK_ELSEWHERE_CELL, 1}});
 }
 
 void DeviceMatching::add_to(engine::ArenaSize& size) const {
@@ -148,7 +143,8 @@ void DeviceMatching::round(engine::Recorder& recorder, const engine::Workspace& 
   recorder.stage("match_pose");
   recorder.dispatch(hypothesise_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_]}, push,
                     {groups_for(push.hypotheses, group), 1, count});
-  recorder.dispatch(pose_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_]}, push, {1, 1, count});
+  recorder.dispatch(pose_, {&pairs.references, &pairs.pairs, &memory[correspondences_], &memory[hypotheses_]}, push,
+                    {1, 1, count});
 }
 
 void DeviceMatching::score_cells(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& references,
@@ -158,9 +154,9 @@ void DeviceMatching::score_cells(engine::Recorder& recorder, const engine::Works
   shaders::MatchPush push = push_;
   push.rolls = 1;
   push.sought = push.features;
-  recorder.dispatch(cells_kernel_, {&references, &pairs, &descriptors, &memory[descriptors1_], &cells}, push,
-                    {groups_for(groups_for(push.features, ICLK_MATCH_ROLLS), group), static_cast<uint32_t>(match_.tiles()),
-                     count});
+  recorder.dispatch(
+      cells_kernel_, {&references, &pairs, &descriptors, &memory[descriptors1_], &cells}, push,
+      {groups_for(groups_for(push.features, ICLK_MATCH_ROLLS), group), static_cast<uint32_t>(match_.tiles()), count});
 }
 
 void DeviceMatching::agree(engine::Recorder& recorder, const engine::Buffer& references, const engine::Buffer& pairs,

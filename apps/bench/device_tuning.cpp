@@ -22,12 +22,11 @@ TuningReport tune_device(const std::shared_ptr<const engine::Context>& context, 
   std::vector<std::vector<ConvShape>> encoders;
   std::set<ConvShape> all;
   for (const auto& model : wish.models)
-    for (const auto& [width, height] : wish.sizes)
-      for (Precision precision : wish.precisions) {
-        encoders.push_back(encoder_shapes(*model, width, height, model->levels(), precision));
-        all.insert(encoders.back().begin(), encoders.back().end());
-        report.encoders.push_back({model->name, width, height, precision, 0, 0});
-      }
+    for (const auto& [width, height] : wish.sizes) {
+      encoders.push_back(encoder_shapes(*model, width, height, model->levels()));
+      all.insert(encoders.back().begin(), encoders.back().end());
+      report.encoders.push_back({model->name, width, height, 0, 0});
+    }
   make_output_folder(folder);
 
   const int layers = report.layers = static_cast<int>(all.size());
@@ -60,7 +59,6 @@ nlohmann::ordered_json to_json(const TuningReport& report) {
     encoders.push_back({{"model", e.model},
                         {"width", e.width},
                         {"height", e.height},
-                        {"precision", name(e.precision)},
                         {"usual_ms", number(1e3 * e.usual)},
                         {"tuned_ms", number(1e3 * e.tuned)}});
   for (const LayerTimes::Dropped& d : report.dropped) dropped.push_back({{"variant", name(d.variant)}, {"why", d.why}});
@@ -74,9 +72,9 @@ nlohmann::ordered_json to_json(const TuningReport& report) {
 std::string to_table(const TuningReport& report) {
   std::string out = formatted("%s: %d layers measured; ms of an image's encoder, the least of %d in turns\n\n",
                               report.device.c_str(), report.layers, kTuningRuns);
-  out += formatted("%-28s %-11s %-9s  built-in  measured\n", "model", "size", "precision");
+  out += formatted("%-28s %-11s  built-in  measured\n", "model", "size");
   for (const TuningReport::Encoder& e : report.encoders) {
-    out += formatted("%-28s %-11s %-9s", e.model.c_str(), formatted("%dx%d", e.width, e.height).c_str(), name(e.precision));
+    out += formatted("%-28s %-11s", e.model.c_str(), formatted("%dx%d", e.width, e.height).c_str());
     if (std::isfinite(e.usual))
       out += formatted("  %8.2f  %8.2f  %.2f times as fast\n", 1e3 * e.usual, 1e3 * e.tuned, e.usual / e.tuned);
     else

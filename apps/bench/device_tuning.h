@@ -10,11 +10,10 @@
 
 namespace iclk {
 
-/// What `iclk devices --tune` measures: every layer of these encoders at these sizes and precisions.
+/// What `iclk devices --tune` measures: every layer of these encoders at these sizes.
 struct TuningWish {
   std::vector<std::shared_ptr<const Model>> models;
   std::vector<std::pair<int, int>> sizes;  ///< of images, pixels
-  std::vector<Precision> precisions = {Precision::fp32};
 };
 
 struct TuningReport {
@@ -23,7 +22,6 @@ struct TuningReport {
   struct Encoder {
     std::string model;
     int width = 0, height = 0;
-    Precision precision = Precision::fp32;
     double usual = 0;  ///< in usual_variant(); NaN where the device cannot run one of them
     double tuned = 0;  ///< in the fastest variants
   };

@@ -49,7 +49,7 @@ std::string to_table(const std::vector<engine::DeviceInfo>& devices) {
 struct DevicesCommand {
   bool json = false, tune = false;
   std::string device;
-  std::vector<std::string> models = {"sd6dof-small", "sd6dof"}, sizes = {"640x480"}, precisions = {"fp32"};
+  std::vector<std::string> models = {"sd6dof-small", "sd6dof"}, sizes = {"640x480"};
 };
 
 void list(const DevicesCommand& command) {
@@ -62,8 +62,6 @@ void tune(const DevicesCommand& command) {
   TuningWish wish;
   for (const std::string& model : command.models) wish.models.push_back(std::make_shared<Model>(load_model(find_model(model))));
   for (const std::string& size : command.sizes) wish.sizes.push_back(parse_size(size, "--size"));
-  wish.precisions.clear();
-  for (const std::string& precision : command.precisions) wish.precisions.push_back(parse_precision(precision));
   const TuningMode mode = tuning_mode();
   const auto context = open_device(command.device);
   spdlog::info("measuring every kernel for each layer on {}; it takes some seconds on a CPU, best while nothing else runs",
@@ -97,11 +95,6 @@ void add_devices(CLI::App& app, int& exit) {
       ->allow_extra_args(false)
       ->type_name("WxH")
       ->needs(tuning);
-  command->add_option("--precision", options->precisions, "Of the activations, as for `iclk align`; several times")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"fp32", "fp16"}))
-      ->allow_extra_args(false)
-      ->needs(tuning);
   command->footer(
       "The index, a part of the name or the UUID is what --device and ICLK_DEVICE take.\n"
       "Without them the first usable one of discrete, integrated, virtual, CPU is chosen.\n"
@@ -116,7 +109,7 @@ void add_devices(CLI::App& app, int& exit) {
       "  iclk devices --json\n"
       "  iclk demo --device 0\n"
       "  iclk devices --tune --model sd6dof-small --size 320x240\n"
-      "  iclk devices --tune --device 0 --model model.safetensors --size 160x120 --size 96x72 --precision fp16");
+      "  iclk devices --tune --device 0 --model model.safetensors --size 160x120 --size 96x72");
   command->callback([options, &exit] {
     options->tune ? tune(*options) : list(*options);
     exit = kConverged;

@@ -42,13 +42,6 @@ void RunOptions::add_to(CLI::App& command) {
                   "default huber, with a model unit")
       ->check(CLI::IsMember({"unit", "huber", "tukey", "cauchy"}));
   command
-      .add_option(
-          "--precision", precision,
-          "Of the model's activations on a device: fp32, or fp16, which halves their memory and costs a thousandth of the "
-          "maps' range")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"fp32", "fp16"}));
-  command
       .add_option("--damping", damping,
                   "fixed: every step is taken, as in the paper; adaptive: a step that raises the cost is taken back")
       ->capture_default_str()
@@ -87,7 +80,6 @@ SessionOptions RunOptions::session() const {
   SessionOptions options = chosen;
   options.solver = options.device == "cpu" ? Solver::cpu : parse_solver(solver);
   options.search = parse_search(search);
-  options.precision = parse_precision(precision);
   options.damping = parse_damping(damping);
   if (robust) options.robust = parse_robust(*robust);
   options.stages = make_stages(options);

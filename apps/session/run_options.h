@@ -12,7 +12,7 @@ namespace iclk {
 /// The options that align, batch and bench share, as text until they are checked.
 struct RunOptions {
   SessionOptions chosen;
-  std::string solver = "host", search = "auto", precision = "fp32", damping = "fixed", camera_sigma = "auto";
+  std::string solver = "host", search = "auto", damping = "fixed", camera_sigma = "auto";
   std::optional<std::string> robust;
 
   void add_to(CLI::App& command);

@@ -30,7 +30,6 @@ class Options(TypedDict, total=False):
     carry: float | None
     robust: str | None  #: "unit", "huber", "tukey" or "cauchy"
     photometric: bool | None
-    precision: str  #: of a model's activations on a device: "fp32" (default) or "fp16"
     refine: bool  #: False: stop after ICLK
     refine_rounds: int
     recolour: bool

@@ -5,11 +5,8 @@
 #extension GL_GOOGLE_include_directive : require
 #include "network/network.h"
 layout(local_size_x_id = 0) in;
-layout(constant_id = 1) const bool HALF = false;
 layout(set = 0, binding = 0, std430) writeonly buffer First { vec4 first[]; };
-layout(set = 0, binding = 0, std430) writeonly buffer FirstHalf { uvec2 first_half[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Second { vec4 second[]; };
-layout(set = 0, binding = 1, std430) writeonly buffer SecondHalf { uvec2 second_half[]; };
 layout(push_constant) uniform Push { BorderPush push; };
 
 void main() {
@@ -20,15 +17,8 @@ void main() {
   uint at = id < right ? (id / push.width) * push.pitch + (push.pitch - push.width) + id % push.width
                        : push.height * push.pitch + (id - right);
   at += push.offset + gl_WorkGroupID.y * push.plane - push.plane;
-  if (gl_WorkGroupID.z == 0u) {
-    if (HALF)
-      first_half[at] = uvec2(0u);
-    else
-      first[at] = vec4(0.0);
-  } else {
-    if (HALF)
-      second_half[at] = uvec2(0u);
-    else
-      second[at] = vec4(0.0);
-  }
+  if (gl_WorkGroupID.z == 0u)
+    first[at] = vec4(0.0);
+  else
+    second[at] = vec4(0.0);
 }

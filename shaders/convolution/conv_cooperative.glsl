@@ -3,7 +3,7 @@
 // input at a time lie in shared memory; those of a tap are the matrix pixels x channels, its weights channels x channels.
 //
 // Matrices are of halves with sums in single precision, so a number x is high + low / 2048 of two halves, 22 bits of it: the
-// sums are those of singles but for rounding. Beyond 65504 it is not finite. Of activations in half precision low is zero.
+// sums are those of singles but for rounding. Beyond 65504 it is not finite.
 //
 // Who includes this has the matrices: HALF4 (four halves) from `halves(vec4)`, MATRIX_A, _B, _C, LOAD_A and _B from arrays of
 // HALF4, STORE_C, ZERO, MULTIPLY_ADD, JOIN, UNROLL. The device multiplies TM x TK by TK x TN.
@@ -16,7 +16,7 @@ TEXELS(1, vec4, weights)
 #define OUT_BINDING 2
 #include "network/activations.glsl"
 layout(push_constant) uniform Push { ConvPush push; };
-layout(constant_id = 5) const int CHANNELS = 2 * ICLK_MATRIX_SIDE;
+layout(constant_id = 1) const int CHANNELS = 2 * ICLK_MATRIX_SIDE;
 
 const int SIDE = ICLK_MATRIX_SIDE, ROWS = ICLK_MATRIX_ROWS, TILE_ROWS = ROWS * ICLK_MATRIX_SUBGROUPS;
 const int PATCH_ROWS = TILE_ROWS + 2, MOST_COLUMNS = SIDE + 2 * ICLK_MATRIX_DILATION;
@@ -30,9 +30,13 @@ shared HALF4 patch_high[PATCH], patch_low[PATCH];
 shared HALF4 taps_high[TAPS], taps_low[TAPS];
 shared float made[ICLK_MATRIX_SUBGROUPS * SIDE * LINE];
 
-// x is this, which a half holds, and low / 2048. By its bits, as compilers take a single of a half of a single for the first.
-// Below the smallest normal half, which devices may take for zero, it is zero.
-vec4 high_part(vec4 x) { return mix(rounded_to_half(x), vec4(0.0), lessThan(abs(x), vec4(6.103515625e-5))); }
+// x is this, which a half holds, and low / 2048. To the nearest half, ties to even, by its bits: compilers take a single of a
+// half of a single for the first. Below the smallest normal half, which devices may take for zero, it is zero.
+vec4 high_part(vec4 x) {
+  uvec4 bits = floatBitsToUint(x);
+  vec4 nearest = uintBitsToFloat((bits + 0xfffu + ((bits >> 13) & 1u)) & ~0x1fffu);
+  return mix(nearest, vec4(0.0), lessThan(abs(x), vec4(6.103515625e-5)));
+}
 
 // Sixteen input channels of the tile's taps, from texel `at` on.
 void stage_patch(int at, int planes, ivec2 most) {
@@ -100,7 +104,7 @@ void main() {
         UNROLL for (int i = 0; i < (ROWS + 2) * BM; ++i) {
           int from = ((first_row + i / BM) * MOST_COLUMNS + i % BM * TM + kx * dilation) * PIXEL + k * (TK / 4);
           LOAD_A(high[i], patch_high, from, PIXEL);
-          if (!HALF) LOAD_A(low[i], patch_low, from, PIXEL);
+          LOAD_A(low[i], patch_low, from, PIXEL);
         }
         UNROLL for (int ky = 0; ky < 3; ++ky)
           UNROLL for (int n = 0; n < BN; ++n) {
@@ -112,7 +116,7 @@ void main() {
               int j = i * BN + n;
               sums[j] = MULTIPLY_ADD(high[i + ky * BM], w_high, sums[j]);
               low_sums[j] = MULTIPLY_ADD(high[i + ky * BM], w_low, low_sums[j]);
-              if (!HALF) low_sums[j] = MULTIPLY_ADD(low[i + ky * BM], w_high, low_sums[j]);
+              low_sums[j] = MULTIPLY_ADD(low[i + ky * BM], w_high, low_sums[j]);
             }
           }
       }

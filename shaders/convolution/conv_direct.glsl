@@ -6,8 +6,8 @@
 layout(set = 0, binding = 3, std430) readonly buffer Corners { ivec2 corners[]; };
 #endif
 
-layout(constant_id = 2) const int R = ICLK_CONV_ROWS;
-layout(constant_id = 3) const bool ONE = false;
+layout(constant_id = 1) const int R = ICLK_CONV_ROWS;
+layout(constant_id = 2) const bool ONE = false;
 
 void main() {
   Column column = column_of(R);

@@ -8,11 +8,11 @@
 #extension GL_KHR_shader_subgroup_shuffle : require
 #define SHUFFLE
 #define ITEMS
-layout(constant_id = 2) const bool REDUCED = false;
+layout(constant_id = 1) const bool REDUCED = false;
 // The two tiles are of neighbouring phases of an even dilation: together they have whole 2x2 blocks.
-layout(constant_id = 3) const bool PAIRED = false;
+layout(constant_id = 2) const bool PAIRED = false;
 // Rows of the map and the pixels that are asked for begin and end on multiples of four, or end with the row.
-layout(constant_id = 4) const bool WHOLE = false;
+layout(constant_id = 3) const bool WHOLE = false;
 #include "convolution/conv_column.glsl"
 layout(set = 0, binding = 4, std430) writeonly buffer MapRows0 { vec4 map_rows_0[]; };
 layout(set = 0, binding = 4, std430) writeonly buffer Map0 { float map_0[]; };

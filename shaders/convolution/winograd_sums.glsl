@@ -4,7 +4,7 @@
 //
 // REDUCED, of a level's last layer with an even dilation: its output is not written, but what is made of it, which is less:
 // 2x2 means of each channel for the next level, and sums over the eight channels for the map (feature_sums.comp).
-layout(constant_id = 2) const bool REDUCED = false;
+layout(constant_id = 1) const bool REDUCED = false;
 #define FETCH imageLoad
 #define OUT_BINDING 2
 #include "network/activations.glsl"

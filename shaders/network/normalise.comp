@@ -6,8 +6,8 @@
 #include "shared.h"
 #include "network/network.h"
 layout(local_size_x_id = 0) in;
-layout(constant_id = 4) const bool BY_IMAGE = false;
-layout(constant_id = 5) const uint PIXELS = 1;  // of an invocation
+layout(constant_id = 3) const bool BY_IMAGE = false;
+layout(constant_id = 4) const uint PIXELS = 1;  // of an invocation
 #include "pixels.glsl"
 #define OUT_BINDING 1
 #include "network/activations.glsl"

@@ -116,12 +116,12 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, c
 
   ConvStep portable = step;  // the kernels for borders come with those of some step
   if (way.emulated) portable.variant = ConvVariant::direct;
-  const ConvKernels kernels(context, std::span(&portable, 1), way.shuffle, Precision::fp32);
+  const ConvKernels kernels(context, std::span(&portable, 1), way.shuffle);
   engine::Kernel emulated;
   engine::ArenaSize size;
   kernels.add_to(size);
   if (way.emulated) {
-    emulated = {context, CooperativeConv::description(step, *context, Precision::fp32, conv_emulated_comp_spv, way.emulated)};
+    emulated = {context, CooperativeConv::description(step, *context, conv_emulated_comp_spv, way.emulated)};
     size.add(emulated, 1);
   }
   engine::DescriptorArena arena(context, size);
@@ -192,7 +192,7 @@ TEST_P(ReducedConvolution, MakesMeansAndSumsOrMapsOfThePlainOne) {
   step.half.height /= 2;
   for (const bool halves : {true, false}) {
     if (!halves) step.half = {};
-    const internal::ChannelSums sums = internal::channel_sums(step, Precision::fp32);
+    const internal::ChannelSums sums = internal::channel_sums(step);
     // Rows that are written four pixels at a time, and some pixels of rows that cannot be.
     const bool whole = step.whole_map = halves;
     const uint32_t w = shape.width, h = shape.height, pitch = whole ? (w + 3) / 4 * 4 : w + 1;
@@ -200,7 +200,7 @@ TEST_P(ReducedConvolution, MakesMeansAndSumsOrMapsOfThePlainOne) {
         whole ? internal::MapPlace{4, pitch, pitch * h + 8, 0, 0, w, h}
               : internal::MapPlace{3, pitch, pitch * h + 5, w > 1, h > 1, w > 2 ? w - 1 : w, h > 2 ? h - 1 : h};
     ASSERT_EQ(place.whole(w), whole);
-    const Outcome outcome = run(way, shape, step, sums.bytes(shape.images), place);
+    const Outcome outcome = run(way, shape, step, 16 * sums.texels(shape.images), place);
     for (uint32_t n = 0; n < shape.images; ++n) {
       const auto expected = [&](uint32_t c, uint32_t v, uint32_t u) {
         return c < step.out.channels ? outcome.expected[n][(c * shape.height + v) * shape.width + u] : 0.0;

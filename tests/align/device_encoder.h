@@ -18,7 +18,6 @@ struct DeviceEncoder {
   Plan plan;
   internal::Layout layout;
   bool shuffle = true;
-  Precision precision = Precision::fp32;
   uint64_t most_bytes = internal::kActivationBytes;
   Tuning tuning;
 
@@ -26,14 +25,11 @@ struct DeviceEncoder {
       : model(std::move(m)), plan(plan_of(width, height, format)), layout(plan, options_of(levels), model.get()) {}
 
   int levels() const { return static_cast<int>(layout.levels.size()); }
-  internal::Tiling tiling() const {
-    return {*model, layout.levels[0].width, layout.levels[0].height, levels(), precision, most_bytes};
-  }
+  internal::Tiling tiling() const { return {*model, layout.levels[0].width, layout.levels[0].height, levels(), most_bytes}; }
   /// The same variant for every layer.
   void use(ConvVariant variant) {
     const internal::Tiling t = tiling();
-    for (const ConvShape& shape :
-         encoder_shapes(*model, static_cast<int>(t.width), static_cast<int>(t.height), levels(), precision))
+    for (const ConvShape& shape : encoder_shapes(*model, static_cast<int>(t.width), static_cast<int>(t.height), levels()))
       tuning.variants[shape] = variant;
   }
 
@@ -49,7 +45,7 @@ struct DeviceEncoder {
                         engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(plan.format));
     const auto maps = memory_plan.add("maps", 4ull * layout.map_stride * n, engine::MemoryKind::device,
                                       engine::BufferUse::storage | engine::BufferUse::texel, VK_FORMAT_R32_SFLOAT);
-    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, tuning, precision, most_bytes, shuffle);
+    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, tuning, most_bytes, shuffle);
     EXPECT_EQ(encoder.images_per_pass(), pass);
     const engine::Workspace memory(context, memory_plan);
     encoder.load(context, memory);

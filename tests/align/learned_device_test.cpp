@@ -94,48 +94,6 @@ INSTANTIATE_TEST_SUITE_P(Golden, LearnedDevice,
                                           testing::ValuesIn(kConvVariants)),
                          case_name);
 
-// With activations in half precision: the bounds of docs/convolutions.md.
-class LearnedHalf : public testing::TestWithParam<std::tuple<Case, ConvVariant>> {
- protected:
-  void SetUp() override { ICLK_NEED_DEVICE(); }
-};
-
-TEST_P(LearnedHalf, MapsAndPose) {
-  const auto [c, variant] = GetParam();
-  const Golden golden(c.golden);
-  const auto model = std::make_shared<const Model>(golden_model(golden));
-  test::DeviceEncoder encoder(model, golden.width(), golden.height(), c.levels, PixelFormat::rgba32f);
-  encoder.shuffle = internal::can_shuffle(test::device()->info());
-  encoder.precision = Precision::fp16;
-  encoder.use(variant);
-  const std::vector<float> rgb0 = golden.rgb("image0"), rgb1 = golden.rgb("image1");
-  const auto maps = encoder.encode(std::vector<ImageView>{golden.view(rgb0), golden.view(rgb1)}, 2);
-  for (int level = 0; level < c.levels; ++level)
-    for (const bool target : {false, true}) {
-      const auto& info = encoder.layout.levels[static_cast<size_t>(level)];
-      const float* map = maps.data() + (target ? encoder.layout.map_stride : 0) + info.map_offset;
-      const auto& expected = golden.level(level, target ? "f1" : "f0").data;
-      const auto [least, most] = std::minmax_element(expected.begin(), expected.end());
-      for (uint32_t v = 0; v < info.height; ++v)
-        for (uint32_t u = 0; u < info.width; ++u)
-          ASSERT_NEAR(map[v * info.pitch + u], expected[v * info.width + u], 2e-3f * (*most - *least))
-              << (target ? "target" : "reference") << " level " << level << " at " << u << ", " << v;
-    }
-
-  AlignerOptions options = paper_options(c.levels);
-  options.precision = Precision::fp16;
-  DeviceAligner aligner(test::device(), plan_for(golden), options, Solver::device, model, encoder.tuning);
-  aligner.set_reference(0, {golden.view(rgb0), golden.camera(), golden.features(), {}});
-  const Alignment a = aligner.align(Pair{0, golden.view(rgb1), {}, {}});
-  const SE3 expected = Golden::pose(&golden.level(0, "R").data[81], &golden.level(0, "t").data[27]);
-  EXPECT_LT((a.T_10.t - expected.t).norm(), 2e-3 * golden.truth().t.norm());
-  EXPECT_LT((a.T_10.R - expected.R).norm(), 1e-4);
-}
-INSTANTIATE_TEST_SUITE_P(Golden, LearnedHalf, testing::Combine(testing::ValuesIn(kCases), testing::ValuesIn(kConvVariants)),
-                         [](const auto& info) {
-                           return std::get<0>(info.param).golden + std::string("_") + name(std::get<1>(info.param));
-                         });
-
 // The stages one by one, each level from the pose with which the specification starts it.
 class LearnedStages : public testing::TestWithParam<Case> {
  protected:
@@ -156,7 +114,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const internal::WorkgroupSizes sizes(context->info(), options);
   const internal::Kernels kernels(context, plan, options, Solver::host, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
-  internal::DeviceNetwork network(*context, model, layout, plan, options, 1, {}, ids.plan);
+  internal::DeviceNetwork network(*context, model, layout, plan, 1, {}, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, 1, ids.plan);
   const engine::Workspace memory(context, ids.plan);
   if (!memory[ids.pixels0].mapped) GTEST_SKIP() << "device memory is not mapped here";

@@ -49,7 +49,7 @@ TEST(Tiling, TilesFitAndCoverTheImage) {
     const uint64_t least = bytes_of(model, 2 * margin + 2 * grid, 2 * margin + 2 * grid, levels),
                    whole = bytes_of(model, width, height, levels);
     const uint64_t limit = least + random() % (whole + 1);
-    const Tiling tiling(model, width, height, levels, Precision::fp32, limit);
+    const Tiling tiling(model, width, height, levels, limit);
     SCOPED_TRACE(testing::Message() << width << "x" << height << " in " << levels << " levels, " << tiling.columns.size() << "x"
                                     << tiling.rows.size() << " of " << tiling.width << "x" << tiling.height);
     check_spans(tiling.columns, tiling.width, width, margin, grid);
@@ -63,14 +63,14 @@ TEST(Tiling, WhatCannotBeCutIsRefused) {
   const Model model = test::random_model({{4, 4, 4}, {4, 4, 4}, {4, 4, 4}, {4, 4, 4}});
   // Narrower than two margins and a pixel: there is no cut across, and down the smallest tile is too much.
   try {
-    Tiling(model, 160, 4000, 4, Precision::fp32, 400'000);
+    Tiling(model, 160, 4000, 4, 400'000);
     ADD_FAILURE() << "taken";
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::unsupported);
     EXPECT_NE(std::string(error.what()).find("160x4000"), std::string::npos) << error.what();
     EXPECT_NE(std::string(error.what()).find("margins of 80"), std::string::npos) << error.what();
   }
-  EXPECT_GT(Tiling(model, 160, 4000, 4, Precision::fp32, 1'000'000).rows.size(), 1u);
+  EXPECT_GT(Tiling(model, 160, 4000, 4, 1'000'000).rows.size(), 1u);
 }
 
 TEST(Tiling, MeasuredShapesAreThoseOfTheTiles) {

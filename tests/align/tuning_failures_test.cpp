@@ -105,7 +105,7 @@ class TuningFailures : public testing::Test {
     }
   }
 
-  static constexpr ConvShape kShape{8, 16, 2, 24, 20, Precision::fp32, true};
+  static constexpr ConvShape kShape{8, 16, 2, 24, 20, true};
   std::optional<Application> app_;
   std::shared_ptr<Context> context_;
 };

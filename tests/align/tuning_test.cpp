@@ -14,8 +14,7 @@ Tuning example() {
   Tuning tuning;
   tuning.variants[{16, 32, 2, 752, 480}] = ConvVariant::winograd4x1;
   tuning.variants[{3, 16, 1, 752, 480}] = ConvVariant::direct;
-  tuning.variants[{3, 16, 1, 752, 480, Precision::fp16}] = ConvVariant::winograd4;
-  tuning.variants[{16, 32, 2, 752, 480, Precision::fp32, true}] = ConvVariant::winograd4x1;
+  tuning.variants[{16, 32, 2, 752, 480, true}] = ConvVariant::winograd4x1;
   tuning.variants[{128, 128, 2, 94, 60}] = ConvVariant::winograd4;
   return tuning;
 }
@@ -42,8 +41,8 @@ TEST(Tuning, WhatIsDamagedOrForeignIsNothing) {
     }
   EXPECT_FALSE(Tuning::parse(text + "3 16 1 752 480 direct\n", key));
   EXPECT_FALSE(Tuning::parse(text + std::string(100, '9'), key));
-  // Of the form before precisions.
-  EXPECT_FALSE(Tuning::parse("iclk-tuning 1\ndevice-1-abc\n1\n3 16 1 752 480 direct\nd2571f682f980d8d\n", key));
+  // Of the form that had a precision.
+  EXPECT_FALSE(Tuning::parse("iclk-tuning 4\ndevice-1-abc\n1\n3 16 1 752 480 fp16 0 direct\na13a138bb1b0e9c1\n", key));
 }
 
 TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
@@ -51,8 +50,7 @@ TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
   for (const auto type : {engine::DeviceType::cpu, engine::DeviceType::discrete}) {
     EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480}, type), ConvVariant::winograd4x1);
     EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480}, type), ConvVariant::direct);
-    EXPECT_EQ(tuning.choose({3, 16, 1, 752, 480, Precision::fp16}, type), ConvVariant::winograd4);
-    EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480, Precision::fp32, true}, type), ConvVariant::winograd4x1);
+    EXPECT_EQ(tuning.choose({16, 32, 2, 752, 480, true}, type), ConvVariant::winograd4x1);
     for (const ConvShape& other : {ConvShape{16, 32, 2, 376, 240}, ConvShape{1, 32, 1, 376, 240}})
       EXPECT_EQ(tuning.choose(other, type), usual_variant(other, type));
   }
@@ -61,12 +59,10 @@ TEST(Tuning, ChoosesWhatWasMeasuredElseTheUsual) {
 TEST(Tuning, TheUsualChoiceOfACpuIsWhatLavapipeIsFastestWith) {
   const auto usual = [](int in, int out, int dilation, int width, int height) {
     const ConvShape shape{in, out, dilation, width, height};
-    auto last = shape, half = shape;
+    auto last = shape;
     last.last = true;
-    half.precision = Precision::fp16;
     const ConvVariant found = usual_variant(shape, engine::DeviceType::cpu);
     EXPECT_EQ(usual_variant(last, engine::DeviceType::cpu), found);
-    EXPECT_EQ(usual_variant(half, engine::DeviceType::cpu), found);
     return found;
   };
   // By 1.1 times and more where they were measured.
@@ -107,12 +103,6 @@ TEST(Tuning, MeasuresWhatIsMissing) {
   EXPECT_EQ(calls, (std::vector<int>{0, 1, 2, 3}));
   EXPECT_EQ(tuned.variants.size(), 5u);
   EXPECT_EQ(tuned.variants.at(shapes[0]), ConvVariant::winograd4);
-  // Another precision is another measurement.
-  auto half = shapes[0];
-  half.precision = Precision::fp16;
-  const Tuning both = tune(test::device(), {half, shapes[0]}, tuned);
-  EXPECT_EQ(both.variants.size(), 6u);
-  EXPECT_TRUE(both.variants.contains(half));
   const auto none = [](int, int) { ADD_FAILURE() << "measured again"; };
   EXPECT_EQ(tune(test::device(), shapes, tuned, none).variants, tuned.variants);
 }

@@ -214,12 +214,6 @@ TEST_F(Learned, OnlyDevicesTuneMeasuresAndAlignTakesWhatItFound) {
   EXPECT_EQ(test::bytes_of(found), known->text(of));
   write(known->text(of) + "x");
   EXPECT_EQ(pose(), usual) << "damaged";
-
-  std::vector<std::string> half = line;
-  half.insert(half.end(), {"--precision", "fp16"});
-  const Json less = json(run(half, "off"));
-  EXPECT_NE(less["T_10"], usual);
-  for (int c = 0; c < 4; ++c) EXPECT_NEAR(less["T_10"][0][c].get<double>(), usual[0][c].get<double>(), 1e-3);
 }
 
 TEST_F(Learned, WishesForTuningThatCannotBe) {

@@ -79,7 +79,6 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--iterations", type=int)
     what.add_argument("--carry", type=float)
     what.add_argument("--robust", choices=("unit", "huber", "tukey", "cauchy"))
-    what.add_argument("--precision", choices=("fp32", "fp16"))
     what.add_argument("--damping", choices=("fixed", "adaptive"))
     what.add_argument("--search", choices=("auto", "on", "off"))
     what.add_argument("--photometric", action=argparse.BooleanOptionalAction, default=None)
@@ -92,7 +91,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 OPTIONS = (
-    "solver", "levels", "iterations", "carry", "robust", "precision", "damping", "search",
+    "solver", "levels", "iterations", "carry", "robust", "damping", "search",
     "photometric", "refine", "refine_rounds", "recolour", "rolling_shutter", "structure",
 )  # fmt: skip
 
