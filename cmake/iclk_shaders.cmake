@@ -36,7 +36,7 @@ function(iclk_shaders target)
     if(arg_IF AND NOT ${arg_IF})
       file(CONFIGURE OUTPUT ${output}.spv.h @ONLY CONTENT [[
 #pragma once
-#include <iclk/engine/kernel.h>
+#include <iclk/engine/compute/kernel.h>
 
 constexpr iclk::engine::ShaderCode @symbol@_spv;
 ]])
@@ -49,7 +49,7 @@ constexpr iclk::engine::ShaderCode @symbol@_spv;
     else()
       file(CONFIGURE OUTPUT ${output}.spv.h @ONLY CONTENT [[
 #pragma once
-#include <iclk/engine/kernel.h>
+#include <iclk/engine/compute/kernel.h>
 
 #include "@shader@.texels.h"
 #include "@shader@.storage.h"

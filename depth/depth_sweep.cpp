@@ -10,8 +10,8 @@
 #include <iclk/depth/internal/buffers.h>
 #include <iclk/depth/internal/speckles.h>
 #include <iclk/depth/internal/verdict.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/error.h>
-#include <iclk/engine/recorder.h>
 #include <iclk/shaders/depth/depth.h>
 
 #include "census.comp.spv.h"

@@ -13,7 +13,7 @@
 #include <iclk/align/se3.h>
 #include <iclk/depth/depth_options.h>
 #include <iclk/engine/context.h>
-#include <iclk/engine/memory.h>
+#include <iclk/engine/resources.h>
 #include <iclk/engine/timing.h>
 
 namespace iclk {

@@ -1,9 +1,5 @@
 #pragma once
-#include <memory>
 #include <string>
-#include <vector>
-
-#include <iclk/engine/context.h>
 
 namespace iclk::engine {
 
@@ -11,38 +7,6 @@ struct StageTime {
   std::string name;
   double milliseconds = 0;  ///< on the device, summed over `count`
   int count = 0;            ///< times that the stage was entered
-};
-
-/// Device time by stage of one recording, which may be submitted many times. A stage lasts from Recorder::stage() to the next
-/// one or to Recorder::finish(); commands that overlap are counted where they end. Where the queue has no timestamps, every
-/// call does nothing and times() is empty.
-class StageTimer {
- public:
-  /// `max_stages`: calls of Recorder::stage() in one recording. Throws Error(out_of_memory).
-  explicit StageTimer(std::shared_ptr<const Context> context, uint32_t max_stages = 1024);
-  ~StageTimer();
-  StageTimer(const StageTimer&) = delete;
-  StageTimer& operator=(const StageTimer&) = delete;
-
-  bool available() const { return pool_ != VK_NULL_HANDLE; }
-
-  /// Adds the times of the last submission. Precondition: it has been waited for. Does nothing if nothing was recorded.
-  void collect();
-  /// Sums since construction or clear(), in the order in which the names came first.
-  const std::vector<StageTime>& times() const { return times_; }
-  void clear() { times_.clear(); }
-
- private:
-  friend class Recorder;
-  void begin(VkCommandBuffer commands);
-  /// A null name ends the last stage. Throws Error(invalid_argument) beyond max_stages.
-  void mark(VkCommandBuffer commands, const char* name);
-
-  std::shared_ptr<const Context> context_;
-  uint32_t capacity_ = 0;
-  VkQueryPool pool_ = VK_NULL_HANDLE;
-  std::vector<std::string> marks_;  // marks_[i] is the stage that timestamp i begins; empty: none
-  std::vector<StageTime> times_;
 };
 
 }  // namespace iclk::engine

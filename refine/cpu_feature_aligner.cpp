@@ -1,17 +1,15 @@
 #include <string>
-#include <utility>
 
-#include <iclk/align/cpu_aligner.h>
+#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/engine/error.h>
-#include <iclk/refine/feature_aligner.h>
+#include <iclk/refine/internal/feature_aligners.h>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 class CpuFeatureAligner final : public FeatureAligner {
  public:
-  CpuFeatureAligner(std::unique_ptr<FeatureMaps> maps, const FeatureAlignmentOptions& options)
-      : maps_(std::move(maps)), options_(options) {
+  CpuFeatureAligner(const CpuAligner& aligner, const FeatureAlignmentOptions& options) : aligner_(aligner), options_(options) {
     options_.check();
   }
 
@@ -19,15 +17,17 @@ class CpuFeatureAligner final : public FeatureAligner {
     std::vector<std::vector<AlignedFeature>> results;
     results.reserve(tasks.size());
     for (const FeatureAlignmentTask& task : tasks) {
-      const Pyramid &f0 = maps_->reference_grey(task.reference), &luma = maps_->target_grey(task.pair);
-      const std::span<const Map> rgb = maps_->target_rgb(task.pair);
+      check("slot", task.reference, aligner_.plan().max_references);
+      check("pair", task.pair, aligner_.plan().max_pairs);
+      const Pyramid &f0 = aligner_.reference_grey(task.reference), &luma = aligner_.target_grey(task.pair);
+      const std::span<const Map> rgb = aligner_.target_rgb(task.pair);
       const bool recoloured = task.grey != kLuma && !rgb.empty();
       Pyramid own = recoloured ? grey_pyramid(rgb, task.grey, static_cast<int>(luma.size())) : Pyramid();
       hide(own, luma);
       const Pyramid& f1 = recoloured ? own : luma;
-      const Camera& camera = maps_->camera(task.reference);
-      const Features& features = maps_->features(task.reference);
-      const std::vector<FeatureCheck>& checks = maps_->checks(task.reference);
+      const Camera& camera = aligner_.camera(task.reference);
+      const Features& features = aligner_.features(task.reference);
+      const std::vector<FeatureCheck>& checks = aligner_.checks(task.reference);
       std::vector<AlignedFeature>& aligned = results.emplace_back(features.uv.size());
       for (size_t i = 0; i < aligned.size(); ++i) {
         if (checks[i] != FeatureCheck::ok) continue;
@@ -41,52 +41,23 @@ class CpuFeatureAligner final : public FeatureAligner {
     return results;
   }
 
-  int pairs_per_batch() const override { return maps_->pairs_per_batch(); }
-
- private:
-  std::unique_ptr<FeatureMaps> maps_;
-  FeatureAlignmentOptions options_;
-};
-
-/// The maps of a CpuAligner, whose own accessors take the indices on trust.
-class CpuAlignerMaps final : public FeatureMaps {
- public:
-  explicit CpuAlignerMaps(const CpuAligner& aligner) : aligner_(aligner) {}
-  const Pyramid& reference_grey(int slot) const override { return aligner_.reference_grey(in_range("slot", slot)); }
-  const Pyramid& target_grey(int pair) const override {
-    if (pair < 0 || pair >= aligner_.plan().max_pairs) refuse("pair", pair);
-    return aligner_.target_grey(pair);
-  }
-  std::span<const Map> target_rgb(int pair) const override {
-    if (pair < 0 || pair >= aligner_.plan().max_pairs) refuse("pair", pair);
-    return aligner_.target_rgb(pair);
-  }
-  const Camera& camera(int slot) const override { return aligner_.camera(in_range("slot", slot)); }
-  const Features& features(int slot) const override { return aligner_.features(in_range("slot", slot)); }
-  const std::vector<FeatureCheck>& checks(int slot) const override { return aligner_.checks(in_range("slot", slot)); }
   int pairs_per_batch() const override { return aligner_.plan().max_pairs; }
 
  private:
-  [[noreturn]] static void refuse(const char* what, int index) {
-    throw Error(ErrorCode::invalid_argument,
-                std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
+  static void check(const char* what, int index, int count) {
+    if (index < 0 || index >= count)
+      throw Error(ErrorCode::invalid_argument,
+                  std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
   }
-  int in_range(const char* what, int slot) const {
-    if (slot < 0 || slot >= aligner_.plan().max_references) refuse(what, slot);
-    return slot;
-  }
+
   const CpuAligner& aligner_;
+  FeatureAlignmentOptions options_;
 };
 
 }  // namespace
 
-std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(std::unique_ptr<FeatureMaps> maps,
-                                                         const FeatureAlignmentOptions& options) {
-  return std::make_unique<CpuFeatureAligner>(std::move(maps), options);
-}
-
 std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(const CpuAligner& aligner, const FeatureAlignmentOptions& options) {
-  return make_cpu_feature_aligner(std::make_unique<CpuAlignerMaps>(aligner), options);
+  return std::make_unique<CpuFeatureAligner>(aligner, options);
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

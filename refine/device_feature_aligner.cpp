@@ -6,8 +6,8 @@
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
-#include <iclk/refine/feature_aligner.h>
 #include <iclk/refine/internal/device_features.h>
+#include <iclk/refine/internal/feature_aligners.h>
 #include <iclk/shaders/shared.h>
 
 #include "colour_sums.comp.spv.h"
@@ -33,7 +33,6 @@ shaders::FeatureAlignmentPush feature_alignment_push(const FeatureAlignmentOptio
   push.pixel_stride = maps.pixel_stride;
   push.level_count = static_cast<uint32_t>(maps.levels->size / sizeof(shaders::LevelInfo));
   push.iterations = static_cast<uint32_t>(options.iterations);
-  push.coarse_start = static_cast<uint32_t>(options.coarse_start);
   push.step_tolerance = static_cast<float>(options.step_tolerance);
   push.max_motion = static_cast<float>(options.max_motion);
   push.min_correlation = static_cast<float>(options.min_correlation);
@@ -297,8 +296,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
 
 }  // namespace
 
-std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner,
-                                                            const FeatureAlignmentOptions& options) {
+std::unique_ptr<FeatureAligner> internal::make_device_feature_aligner(const DeviceAligner& aligner,
+                                                                      const FeatureAlignmentOptions& options) {
   return std::make_unique<DeviceFeatureAligner>(aligner, options);
 }
 

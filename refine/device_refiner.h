@@ -4,6 +4,7 @@
 #include <vector>
 
 #include <iclk/align/device_aligner.h>
+#include <iclk/align/device_recording.h>
 #include <iclk/refine/refiner.h>
 #include <iclk/shaders/refine/refine.h>
 

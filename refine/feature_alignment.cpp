@@ -255,11 +255,9 @@ AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera&
     return g;
   };
 
-  if (options.coarse_start != CoarseStart::always) {
-    f = fine(w.uv1);
-    if (f.status == FeatureStatus::aligned || options.coarse_start == CoarseStart::never) return f;
-  }
-  const AlignedFeature first = f;
+  const AlignedFeature first = fine(w.uv1);
+  if (first.status == FeatureStatus::aligned) return first;
+  // Level 1 has twice the basin, and half the precision.
   if (f0.size() > 1 && f1.size() > 1) {
     const auto down = [](const Eigen::Vector2d& c) -> Eigen::Vector2d { return (c.array() + 0.5) / 2 - 0.5; };
     const Template t1 = make_template(f0[1], down(uv0), A_inverse);
@@ -272,7 +270,7 @@ AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera&
       }
     }
   }
-  return options.coarse_start == CoarseStart::always ? fine(w.uv1) : first;
+  return first;
 }
 
 ColourSums colour_sums(const Map& f0, std::span<const Map> rgb1, const Camera& camera, const Eigen::Vector2d& uv0, double q,

@@ -45,13 +45,6 @@ int count_aligned(std::span<const AlignedFeature> features);
 /// "38 of 50 features aligned (4 bad_match, 8 rejected)".
 std::string summary(std::span<const AlignedFeature> features);
 
-/// When level 1 (twice the basin, half the precision) comes before level 0.
-enum class CoarseStart : uint8_t {
-  never,
-  retry,  ///< where level 0 alone does not align the feature
-  always,
-};
-
 struct FeatureAlignmentOptions {
   int iterations = 15;           ///< at most, a level
   double step_tolerance = 0.01;  ///< px: a smaller step ends a level; a level whose last step is larger has diverged
@@ -63,7 +56,6 @@ struct FeatureAlignmentOptions {
   /// [0, 1]. The default is six times what rounding to 8 bits puts there; five times as much left features out of images of low
   /// contrast that could be aligned.
   double min_texture = 4e-6;
-  CoarseStart coarse_start = CoarseStart::retry;
   /// After its first round a Refiner looks at a target with colours in the grey values that fit the reference's (recolour.h).
   bool recolour = true;
 

@@ -1,4 +1,4 @@
-// Arrays that are only read, in two builds of one shader (engine/kernel.h: ShaderCode). Of texel buffers, which lavapipe reads
+// Arrays that are only read, in two builds of one shader (ShaderCode). Of texel buffers, which lavapipe reads
 // in a third of the time, TEXEL(name, i) is a vec4; of storage buffers (ICLK_STORAGE_READS), for devices whose texel buffers
 // are too small, it is what the array holds, so that only its own components may be asked for: .x of a float.
 #ifndef ICLK_TEXELS_GLSL

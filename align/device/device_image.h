@@ -1,7 +1,7 @@
 #pragma once
 #include <iclk/align/device/layout.h>
-#include <iclk/align/device_aligner.h>
-#include <iclk/engine/kernel.h>
+#include <iclk/align/device_recording.h>
+#include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {
 

@@ -1,9 +1,9 @@
 #pragma once
 #include <iclk/align/device/layout.h>
 #include <iclk/align/pyramid.h>
-#include <iclk/engine/kernel.h>
-#include <iclk/engine/memory.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/kernel.h>
+#include <iclk/engine/compute/memory.h>
+#include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {
 

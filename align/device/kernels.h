@@ -1,7 +1,7 @@
 #pragma once
 #include <iclk/align/device/grey_pyramid.h>
 #include <iclk/align/device/target_masks.h>
-#include <iclk/engine/kernel.h>
+#include <iclk/engine/compute/kernel.h>
 
 namespace iclk::internal {
 

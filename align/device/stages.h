@@ -7,8 +7,8 @@
 #include <iclk/align/network/device_network.h>
 #include <iclk/align/search/device_matching.h>
 #include <iclk/align/solver/verdict.h>
-#include <iclk/engine/memory.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/memory.h>
+#include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {
 

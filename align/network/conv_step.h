@@ -1,7 +1,7 @@
 #pragma once
 #include <iclk/align/device/layout.h>
 #include <iclk/align/network/packed_weights.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {
 

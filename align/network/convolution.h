@@ -4,7 +4,7 @@
 
 #include <iclk/align/network/cooperative_conv.h>
 #include <iclk/align/network/fused_columns.h>
-#include <iclk/engine/memory.h>
+#include <iclk/engine/compute/memory.h>
 #include <iclk/shaders/network/network.h>
 
 namespace iclk::internal {

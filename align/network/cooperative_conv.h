@@ -1,6 +1,6 @@
 #pragma once
 #include <iclk/align/network/conv_step.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {
 

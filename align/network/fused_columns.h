@@ -4,7 +4,7 @@
 
 #include <iclk/align/network/conv_step.h>
 #include <iclk/align/network/map_place.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {
 

@@ -1,7 +1,7 @@
 #pragma once
 #include <cstdint>
 
-#include <iclk/engine/memory.h>
+#include <iclk/engine/compute/memory.h>
 
 namespace iclk::internal {
 

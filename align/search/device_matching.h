@@ -2,9 +2,9 @@
 #include <iclk/align/device/layout.h>
 #include <iclk/align/device/target_masks.h>
 #include <iclk/align/search/matching.h>
-#include <iclk/engine/kernel.h>
-#include <iclk/engine/memory.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/kernel.h>
+#include <iclk/engine/compute/memory.h>
+#include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {
 

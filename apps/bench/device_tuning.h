@@ -4,7 +4,7 @@
 #include <utility>
 #include <vector>
 
-#include <iclk/align/tuning.h>
+#include <iclk/align/network/layer_times.h>
 
 #include "apps/common/measure.h"
 

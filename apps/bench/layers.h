@@ -3,7 +3,7 @@
 #include <string>
 #include <vector>
 
-#include <iclk/align/tuning.h>
+#include <iclk/align/network/layer_times.h>
 
 #include "apps/common/measure.h"
 

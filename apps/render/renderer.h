@@ -8,8 +8,8 @@
 #include <iclk/align/image.h>
 #include <iclk/align/lens.h>
 #include <iclk/align/se3.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/context.h>
-#include <iclk/engine/recorder.h>
 
 #include "apps/render/terrain.h"
 

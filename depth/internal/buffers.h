@@ -1,6 +1,6 @@
 #pragma once
 #include <iclk/depth/depth_options.h>
-#include <iclk/engine/memory.h>
+#include <iclk/engine/compute/memory.h>
 #include <iclk/shaders/depth/depth.h>
 
 namespace iclk::internal {

@@ -2,7 +2,7 @@
 // Where every buffer of a plan lies.
 #include <vector>
 
-#include <iclk/engine/memory.h>
+#include <iclk/engine/compute/memory.h>
 
 namespace iclk::engine {
 

@@ -4,7 +4,7 @@
 #include <map>
 #include <mutex>
 
-#include <iclk/engine/kernel.h>
+#include <iclk/engine/compute/kernel.h>
 
 namespace iclk::engine {
 

@@ -1,7 +1,7 @@
 #pragma once
 // The kernel of feature alignment: what DeviceFeatureAligner and DeviceRefiner share.
 #include <iclk/align/device/parts.h>
-#include <iclk/engine/kernel.h>
+#include <iclk/engine/compute/kernel.h>
 #include <iclk/refine/feature_alignment.h>
 #include <iclk/shaders/refine/refine.h>
 #include <iclk/shaders/shared.h>

@@ -2,9 +2,9 @@
 #include <memory>
 #include <optional>
 
-#include <iclk/engine/kernel.h>
-#include <iclk/engine/memory.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/kernel.h>
+#include <iclk/engine/compute/memory.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/refine/refiner.h>
 #include <iclk/shaders/refine/refine.h>
 #include <iclk/shaders/shared.h>

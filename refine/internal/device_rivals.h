@@ -3,7 +3,7 @@
 
 #include <iclk/align/device/parts.h>
 #include <iclk/align/search/device_matching.h>
-#include <iclk/engine/kernel.h>
+#include <iclk/engine/compute/kernel.h>
 #include <iclk/refine/internal/device_pose.h>
 #include <iclk/refine/refiner.h>
 

@@ -9,7 +9,6 @@
 #include "refine/feature_patch.glsl"
 layout(set = 0, binding = 8, std430) writeonly buffer Aligned { AlignedInfo aligned[]; };
 
-const uint NEVER = 0, RETRY = 1, ALWAYS = 2;  // CoarseStart
 
 // Variance of bilinearly interpolated white noise over its variance.
 float interpolation_noise(vec2 p) {
@@ -206,12 +205,8 @@ Feature align_feature(FeatureInfo feature, FeatureTask task) {
   f.status = LOW_TEXTURE;
   if (!is_finite(t0.texture) || t0.texture <= push.min_texture) return f;
   MapView f1 = map_view(task.pair, 0);
-  bool coarse_first = push.coarse_start == ALWAYS;
-  Feature first = f;
-  if (!coarse_first) {
-    first = fine(f1, t0, projected, projected);
-    if (first.status == ALIGNED || push.coarse_start == NEVER) return first;
-  }
+  Feature first = fine(f1, t0, projected, projected);
+  if (first.status == ALIGNED) return first;
   vec2 start = projected;
   uint coarse_iterations = 0;
   bool found = false;
@@ -226,9 +221,9 @@ Feature align_feature(FeatureInfo feature, FeatureTask task) {
       }
     }
   }
-  if (!found && !coarse_first) return first;
+  if (!found) return first;
   f = fine(f1, t0, start, projected);
-  f.iterations += coarse_iterations + (coarse_first ? 0u : first.iterations);
+  f.iterations += coarse_iterations + first.iterations;
   return f;
 }
 

@@ -64,7 +64,6 @@ struct FeatureAlignmentPush {
   uint pixel_stride;  // 32-bit words from a target's raw pixels to the next
   uint level_count;
   uint iterations;
-  uint coarse_start;  // iclk::CoarseStart
   float step_tolerance, max_motion, min_correlation, min_texture;
 };
 
@@ -82,9 +81,9 @@ struct FeatureAlignmentPush {
 #define ICLK_RIVALS 2
 #define ICLK_ELSEWHERE_EXPLAINED 0.85  // share of features with texture that leaves little to another pose:
 #define ICLK_ELSEWHERE_SAMPLE 32u      // so many are looked for then
-#define ICLK_ELSEWHERE_PLACES 8     // of a feature: the two most alike, and of those as alike the six nearest to its own
-#define ICLK_ELSEWHERE_STRIDE 12    // vec4 a feature: own, warp, centre, point, places
-#define ICLK_STILL 0.1              // px
+#define ICLK_ELSEWHERE_PLACES 8        // of a feature: the two most alike, and of those as alike the six nearest to its own
+#define ICLK_ELSEWHERE_STRIDE 12       // vec4 a feature: own, warp, centre, point, places
+#define ICLK_STILL 0.1                 // px
 
 // What the host says of a pair.
 struct RefinePair {
@@ -163,10 +162,10 @@ struct RefinePush {
 // What else the target shows than an answer (refine/internal/rivals.h).
 struct RivalPush {
   uint pairs;
-  uint max_features;               // from a pair's to the next
-  uint features;                   // of these, that are looked for, at most
-  uint scale, width, height;       // of the grey map
-  uint rival;                      // rivals_take.comp: number of the one that was found
+  uint max_features;          // from a pair's to the next
+  uint features;              // of these, that are looked for, at most
+  uint scale, width, height;  // of the grey map
+  uint rival;                 // rivals_take.comp: number of the one that was found
   float inlier_distance, max_rival_share;
   uint min_inliers;
 };

@@ -1,4 +1,5 @@
 // start() and finish(): align() in two halves, in the order that timeline semaphores of the application give.
+#include <iclk/align/device_recording.h>
 #include <iclk/engine/error.h>
 
 #include "host_application.h"

@@ -1,4 +1,5 @@
 // Aligners with a model: batches, keyframes, recordings, levels, dense mode, devices without subgroups.
+#include <iclk/align/device_recording.h>
 #include <iclk/align/network/tiling.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>

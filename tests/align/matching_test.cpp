@@ -1,4 +1,5 @@
 // Starts by matching: the minimal solver, the descriptors, and whole pairs far outside the basin, by every solver alike.
+#include <iclk/align/device_recording.h>
 #include <iclk/align/search/matching.h>
 #include <iclk/align/search/p3p.h>
 

@@ -6,9 +6,9 @@
 #include <Eigen/Geometry>
 
 #include <iclk/align/search/p3p.h>
-#include <iclk/engine/kernel.h>
-#include <iclk/engine/memory.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/kernel.h>
+#include <iclk/engine/compute/memory.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/submission.h>
 
 #include "device.h"

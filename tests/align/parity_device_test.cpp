@@ -3,10 +3,10 @@
 
 #include <cstring>
 
-#include <iclk/align/cpu_aligner.h>
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/device_aligner.h>
+#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/align/solver/jacobian.h>
 #include <iclk/align/solver/mask.h>
 #include <iclk/engine/submission.h>

@@ -2,7 +2,7 @@
 #include <cstring>
 #include <vector>
 
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/submission.h>
 
 #include "device.h"

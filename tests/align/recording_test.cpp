@@ -1,8 +1,9 @@
 // record(): alignments in the command buffer of an application that owns device, queue, images and buffers.
 #include <algorithm>
 
+#include <iclk/align/device_recording.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/error.h>
-#include <iclk/engine/recorder.h>
 #include <iclk/shaders/shared.h>
 
 #include "host_application.h"

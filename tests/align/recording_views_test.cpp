@@ -4,6 +4,7 @@
 
 #include <Eigen/Core>
 
+#include <iclk/align/device_recording.h>
 #include <iclk/engine/error.h>
 
 #include "host_application.h"

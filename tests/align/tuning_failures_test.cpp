@@ -4,7 +4,7 @@
 #include <optional>
 #include <set>
 
-#include <iclk/align/tuning.h>
+#include <iclk/align/network/layer_times.h>
 #include <iclk/engine/error.h>
 
 #include "host_application.h"

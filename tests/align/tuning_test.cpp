@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <iclk/align/network/convolution.h>
-#include <iclk/align/tuning.h>
+#include <iclk/align/network/layer_times.h>
 
 #include "device.h"
 #include "plain_network.h"

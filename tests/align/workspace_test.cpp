@@ -1,4 +1,6 @@
 // The memory of an aligner: known beforehand, allocated once.
+#include <iclk/align/device_recording.h>
+
 #include "host_application.h"
 #include "plain_network.h"
 #include "solvers.h"

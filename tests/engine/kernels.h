@@ -6,9 +6,9 @@
 
 #include <device.h>
 
-#include <iclk/engine/kernel.h>
-#include <iclk/engine/memory.h>
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/kernel.h>
+#include <iclk/engine/compute/memory.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/submission.h>
 
 namespace iclk::test {

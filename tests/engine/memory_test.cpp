@@ -1,11 +1,11 @@
-#include <iclk/engine/memory.h>
+#include <iclk/engine/compute/memory.h>
 
 #include <algorithm>
 
 #include <gtest/gtest.h>
 
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/error.h>
-#include <iclk/engine/recorder.h>
 
 #include "kernels.h"
 

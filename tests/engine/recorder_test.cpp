@@ -1,4 +1,4 @@
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/recorder.h>
 
 #include <thread>
 

@@ -9,6 +9,7 @@
 #include <gtest/gtest.h>
 
 #include <iclk/align/device_aligner.h>
+#include <iclk/align/device_recording.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/result.h>
 #include <iclk/engine/submission.h>
@@ -104,7 +105,7 @@ struct Prepared {
       : work(w),
         context(engine::create_context(context_options)),
         aligner(context, work.plan, work.options, work.solver, work.model),
-        refiner(aligner, make_device_feature_aligner(aligner)) {
+        refiner(aligner, make_feature_aligner(aligner)) {
     aligner.enable_timing(true);
     aligner.set_reference(0, work.reference());
   }

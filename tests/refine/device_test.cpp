@@ -4,8 +4,8 @@
 #include <memory>
 
 #include <gtest/gtest.h>
-#include <iclk/align/cpu_aligner.h>
 #include <iclk/align/device_aligner.h>
+#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/refiner.h>
 
@@ -116,21 +116,18 @@ TEST(RefineDevice, ShaderAgreesWithTheCpuReference) {
   ICLK_NEED_DEVICE();
   const std::vector<Scene> scenes{scene_of(376, 240, 0.03), scene_of(376, 240, 0.3), scene_of(376, 240, -0.1)};
   Both both(scenes, 4, with_bad_ones(test::random_features(scenes[0], 150, 4, 8)));
-  for (CoarseStart coarse : {CoarseStart::never, CoarseStart::retry, CoarseStart::always})
-    for (double px : {0.0, 1.5, 6.0}) {
-      SCOPED_TRACE(testing::Message() << "coarse start " << static_cast<int>(coarse) << ", " << px << " px");
-      FeatureAlignmentOptions options;
-      options.coarse_start = coarse;
-      const auto tasks = both.tasks(px);
-      const auto cpu = make_feature_aligner(*both.cpu, options)->align(tasks);
-      const auto device = make_feature_aligner(*both.device, options)->align(tasks);
-      ASSERT_EQ(cpu.size(), 3u);
-      ASSERT_EQ(device.size(), 3u);
-      for (size_t i = 0; i < 3; ++i) expect_alike(cpu[i], device[i]);
-      if (px == 0) {
-        EXPECT_GT(count_aligned(device[0]), 120);
-      }
+  for (double px : {0.0, 1.5, 6.0}) {
+    SCOPED_TRACE(testing::Message() << px << " px");
+    const auto tasks = both.tasks(px);
+    const auto cpu = make_feature_aligner(*both.cpu)->align(tasks);
+    const auto device = make_feature_aligner(*both.device)->align(tasks);
+    ASSERT_EQ(cpu.size(), 3u);
+    ASSERT_EQ(device.size(), 3u);
+    for (size_t i = 0; i < 3; ++i) expect_alike(cpu[i], device[i]);
+    if (px == 0) {
+      EXPECT_GT(count_aligned(device[0]), 120);
     }
+  }
 }
 
 // The plan above has one channel, and level 0 is its pixels; colour has a map of its own for it.
@@ -138,11 +135,9 @@ TEST(RefineDevice, ColourPlansAgreeWithTheCpuReference) {
   ICLK_NEED_DEVICE();
   const std::vector<Scene> scenes{scene_of(376, 240, 0.03), scene_of(376, 240, 0.3)};
   Both both(scenes, 4, test::random_features(scenes[0], 100, 4, 8), PixelFormat::rgba32f);
-  FeatureAlignmentOptions options;
-  options.coarse_start = CoarseStart::always;
   const auto tasks = both.tasks(1.5);
-  const auto cpu = make_feature_aligner(*both.cpu, options)->align(tasks);
-  const auto device = make_feature_aligner(*both.device, options)->align(tasks);
+  const auto cpu = make_feature_aligner(*both.cpu)->align(tasks);
+  const auto device = make_feature_aligner(*both.device)->align(tasks);
   for (size_t i = 0; i < scenes.size(); ++i) {
     expect_alike(cpu[i], device[i]);
     EXPECT_GT(count_aligned(device[i]), 60);
@@ -226,7 +221,7 @@ TEST(RefineDevice, RefinerFindsTheSamePoseOnEverySolver) {
   host.set_reference(1, reference);
   RefinerOptions options;
   options.structure = true;
-  const auto cpu = Refiner(*both.cpu, options).align(both.pairs());
+  const auto cpu = Refiner(*both.cpu).align(both.pairs());
   for (DeviceAligner* aligner : {both.device.get(), &host}) {
     const auto device = Refiner(*aligner, options).align(both.pairs());
     for (size_t i = 0; i < cpu.size(); ++i) {

@@ -2,9 +2,10 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
-#include <iclk/align/cpu_aligner.h>
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device_aligner.h>
+#include <iclk/align/device_recording.h>
+#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/refiner.h>
 
@@ -87,9 +88,7 @@ struct Both {
     options.levels = levels;
     for (const bool learned : {false, true}) {
       aligners[learned] = make(solver, plan, options, learned ? golden_model() : nullptr);
-      FeatureAlignmentOptions coarse;
-      coarse.coarse_start = CoarseStart::always;  // level 1 counts in every feature
-      features[learned] = make_feature_aligner(*aligners[learned], coarse);
+      features[learned] = make_feature_aligner(*aligners[learned]);
     }
   }
   void set_reference(int slot, const Scene& scene) {

@@ -3,8 +3,8 @@
 #include <limits>
 
 #include <gtest/gtest.h>
-#include <iclk/align/cpu_aligner.h>
 #include <iclk/align/device_aligner.h>
+#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/refine/refiner.h>
 #include <Eigen/LU>
 

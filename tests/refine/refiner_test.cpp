@@ -4,7 +4,7 @@
 #include <memory>
 
 #include <gtest/gtest.h>
-#include <iclk/align/cpu_aligner.h>
+#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/verdict.h>
 #include <iclk/refine/refiner.h>
@@ -230,7 +230,7 @@ TEST(Verdict, FeaturesThatAlignAndDisagreeSpeakAgainstAPose) {
 TEST_F(Refine, WhereNoFeatureIsFoundIclkStandsIfAsked) {
   RefinerOptions options;
   const auto refined = [&] {
-    return Refiner(*aligner, std::make_unique<Blind>(make_cpu_feature_aligner(*aligner)), options).align(pair());
+    return Refiner(*aligner, std::make_unique<Blind>(make_feature_aligner(*aligner)), options).align(pair());
   };
   EXPECT_EQ(refined().status, Status::diverged) << "the features do not confirm anything";
   options.keep_unconfirmed = true;

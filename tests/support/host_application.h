@@ -4,10 +4,10 @@
 
 #include <gtest/gtest.h>
 
+#include <iclk/engine/compute/memory.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/internal/cooperative_matrices.h>
 #include <iclk/engine/internal/instance.h>
-#include <iclk/engine/memory.h>
-#include <iclk/engine/recorder.h>
 #include <iclk/engine/result.h>
 #include <iclk/engine/submission.h>
 

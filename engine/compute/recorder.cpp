@@ -1,8 +1,8 @@
-#include <iclk/engine/recorder.h>
+#include <iclk/engine/compute/recorder.h>
 
 #include <algorithm>
 
-#include <iclk/engine/format.h>
+#include <iclk/engine/compute/format.h>
 #include <iclk/engine/internal/hazards.h>
 #include <iclk/engine/result.h>
 

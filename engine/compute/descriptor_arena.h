@@ -5,9 +5,9 @@
 #include <span>
 #include <vector>
 
+#include <iclk/engine/compute/kernel.h>
+#include <iclk/engine/compute/memory.h>
 #include <iclk/engine/context.h>
-#include <iclk/engine/kernel.h>
-#include <iclk/engine/memory.h>
 
 namespace iclk::engine {
 

@@ -1,4 +1,4 @@
-#include <iclk/engine/kernel.h>
+#include <iclk/engine/compute/kernel.h>
 
 #include <algorithm>
 #include <future>

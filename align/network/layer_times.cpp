@@ -1,3 +1,5 @@
+#include <iclk/align/network/layer_times.h>
+
 #include <algorithm>
 #include <chrono>
 #include <ctime>
@@ -6,7 +8,6 @@
 #include <span>
 
 #include <iclk/align/network/feature_maps.h>
-#include <iclk/align/tuning.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 

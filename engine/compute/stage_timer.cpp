@@ -1,4 +1,4 @@
-#include <iclk/engine/timing.h>
+#include <iclk/engine/compute/stage_timer.h>
 
 #include <algorithm>
 #include <utility>

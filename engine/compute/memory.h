@@ -5,6 +5,7 @@
 #include <vector>
 
 #include <iclk/engine/context.h>
+#include <iclk/engine/resources.h>
 
 namespace iclk::engine {
 
@@ -34,33 +35,8 @@ struct BufferDescription {
   VkFormat texel_format = VK_FORMAT_UNDEFINED;
 };
 
-/// A buffer as kernels and recorders take it: no owner. A VkBuffer of the application is wrapped by filling in handle and size.
-struct Buffer {
-  VkBuffer handle = VK_NULL_HANDLE;
-  VkBufferView view = VK_NULL_HANDLE;  ///< of the whole buffer, if it has a texel format
-  VkDeviceSize size = 0;               ///< bytes
-  void* mapped = nullptr;              ///< host address, coherent; null: not mapped
-  VkBuffer twin = VK_NULL_HANDLE;      ///< where `mapped` lies, of a table that is not mapped itself
-
-  /// An image of the application in the place of a buffer, for BindingKind::sampled_image; all else is null.
-  VkImageView image = VK_NULL_HANDLE;
-  VkImageLayout image_layout = VK_IMAGE_LAYOUT_UNDEFINED;
-
-  template <class T>
-  T* as() const {
-    return static_cast<T*>(mapped);
-  }
-};
-
 /// Names a buffer of a plan and of every workspace made from it.
 enum class BufferId : uint32_t {};
-
-/// Bytes of vkAllocateMemory a kind.
-struct MemoryBytes {
-  VkDeviceSize device = 0, upload = 0, readback = 0;
-  VkDeviceSize total() const { return device + upload + readback; }
-  bool operator==(const MemoryBytes&) const = default;
-};
 
 /// A list of buffers; allocates nothing.
 class MemoryPlan {

@@ -1,4 +1,4 @@
-#include <iclk/engine/descriptor_arena.h>
+#include <iclk/engine/compute/descriptor_arena.h>
 
 #include <algorithm>
 #include <string>

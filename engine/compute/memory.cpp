@@ -1,8 +1,8 @@
-#include <iclk/engine/memory.h>
+#include <iclk/engine/compute/memory.h>
 
 #include <utility>
 
-#include <iclk/engine/format.h>
+#include <iclk/engine/compute/format.h>
 #include <iclk/engine/internal/memory_layout.h>
 #include <iclk/engine/result.h>
 

@@ -7,9 +7,9 @@
 #include <type_traits>
 #include <vector>
 
-#include <iclk/engine/descriptor_arena.h>
+#include <iclk/engine/compute/descriptor_arena.h>
+#include <iclk/engine/compute/stage_timer.h>
 #include <iclk/engine/submission.h>
-#include <iclk/engine/timing.h>
 
 namespace iclk::engine {
 
@@ -24,18 +24,6 @@ struct Groups {
 
 /// Workgroups of `size` invocations that cover `count`.
 constexpr uint32_t groups_for(uint32_t count, uint32_t size) { return count / size + (count % size != 0); }
-
-/// An image of the application, used in the state in which it is handed over and given back in the same.
-struct ForeignImage {
-  VkImage handle = VK_NULL_HANDLE;  ///< with VK_IMAGE_USAGE_TRANSFER_SRC_BIT, one sample, colour
-  VkFormat format = VK_FORMAT_UNDEFINED;
-  uint32_t width = 0, height = 0;  ///< of mip level 0
-  /// When the commands execute; restored. UNDEFINED has no content and is refused.
-  VkImageLayout layout = VK_IMAGE_LAYOUT_UNDEFINED;
-  /// The family that owns it, if it is exclusive and not ours: the application has released it to our family in this layout and
-  /// acquires it back afterwards. IGNORED: concurrent, or already ours.
-  uint32_t queue_family = VK_QUEUE_FAMILY_IGNORED;
-};
 
 /// Writes commands into a command buffer, ours or the application's, and places the barriers that they need: global memory
 /// barriers of the COMPUTE, TRANSFER and HOST stages only, none where none is needed. Buffers are told apart by their VkBuffer.
