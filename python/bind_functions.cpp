@@ -9,7 +9,7 @@
 #include <iclk/session/detect.h>
 #include <iclk/session/models.h>
 
-#include "apps/session/model_info.h"
+#include "apps/json/model_info.h"
 #include "python/arrays.h"
 #include "python/bindings.h"
 #include "python/device.h"

@@ -15,7 +15,7 @@
 #include <iclk/session/io/distortion.h>
 #include <iclk/session/io/feature_csv.h>
 
-#include "apps/batch/manifest.h"
+#include "apps/json/manifest.h"
 #include "python/arrays.h"
 #include "python/bindings.h"
 

@@ -8,10 +8,10 @@
 #include <nanobind/stl/tuple.h>
 
 #include <iclk/engine/error.h>
+#include <iclk/render/pairs.h>
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
 
-#include "apps/render/pairs.h"
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
 #include "python/arrays.h"
 #include "python/bindings.h"
 #include "python/device.h"

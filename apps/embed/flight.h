@@ -1,7 +1,6 @@
 #pragma once
 #include <iclk/align/se3.h>
-
-#include "apps/render/terrain.h"
+#include <iclk/render/terrain.h>
 
 namespace embed {
 

@@ -6,13 +6,13 @@
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/result.h>
 #include <iclk/refine/device_refiner.h>
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
 
 #include "apps/embed/flight.h"
 #include "apps/embed/marks.h"
 #include "apps/embed/picture.h"
 #include "apps/embed/stopwatch.h"
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
 
 namespace embed {
 namespace {

@@ -9,7 +9,7 @@
 #include <iclk/session/io/output.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/sets/pair_set.h"
+#include "apps/iclk/sets/pair_set.h"
 
 namespace iclk {
 namespace {

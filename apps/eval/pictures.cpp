@@ -6,11 +6,11 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "apps/common/format.h"
-#include "apps/common/measure.h"
-#include "apps/pictures/drawing.h"
-#include "apps/pictures/plot.h"
-#include "apps/session/report.h"
+#include "apps/iclk/common/measure.h"
+#include "apps/iclk/pictures/drawing.h"
+#include "apps/iclk/pictures/plot.h"
+#include "apps/iclk/session/report.h"
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {

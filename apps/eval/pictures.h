@@ -2,7 +2,7 @@
 #include <vector>
 
 #include "apps/eval/run.h"
-#include "apps/pictures/pictures.h"
+#include "apps/iclk/pictures/pictures.h"
 
 namespace iclk {
 

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <map>
 
-#include "apps/common/format.h"
-#include "apps/common/measure.h"
+#include "apps/iclk/common/measure.h"
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {

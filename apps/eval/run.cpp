@@ -11,10 +11,10 @@
 #include <iclk/session/device.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/common/measure.h"
 #include "apps/eval/export.h"
-#include "apps/peers/methods.h"
-#include "apps/session/report.h"
+#include "apps/eval/peers/methods.h"
+#include "apps/iclk/common/measure.h"
+#include "apps/iclk/session/report.h"
 
 namespace iclk {
 namespace {

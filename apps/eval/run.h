@@ -3,11 +3,11 @@
 #include <string>
 #include <vector>
 
-#include "apps/batch/pool.h"
 #include "apps/eval/appearance_draw.h"
 #include "apps/eval/metrics.h"
-#include "apps/peers/foreign_poses.h"
-#include "apps/session/run_pairs.h"
+#include "apps/eval/peers/foreign_poses.h"
+#include "apps/iclk/batch/pool.h"
+#include "apps/iclk/session/run_pairs.h"
 
 namespace iclk {
 

@@ -10,7 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "apps/commands/command.h"
+#include "apps/iclk/commands/command.h"
 #include "command_fixture.h"
 #include "full_disk.h"
 

@@ -1,7 +1,7 @@
 // `iclk batch` goes on only with results that would be the same today.
 #include <sys/stat.h>
 
-#include "apps/version.h"
+#include "apps/iclk/common/version.h"
 #include "batch_fixture.h"
 
 namespace iclk {

@@ -6,7 +6,7 @@
 
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/sets/scene.h"
+#include "apps/iclk/sets/scene.h"
 #include "batch_process.h"
 
 namespace iclk::test {

@@ -2,7 +2,7 @@
 #include <atomic>
 #include <set>
 
-#include "apps/batch/run.h"
+#include "apps/iclk/batch/run.h"
 #include "files.h"
 
 namespace iclk {

@@ -2,7 +2,7 @@
 #include <sys/file.h>
 #include <sys/stat.h>
 
-#include "apps/io/sequence.h"
+#include "apps/iclk/io/sequence.h"
 #include "batch_fixture.h"
 #include "full_disk.h"
 

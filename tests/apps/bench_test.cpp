@@ -1,4 +1,4 @@
-#include "apps/bench/runs.h"
+#include "apps/eval/bench/runs.h"
 
 #include <limits>
 #include <set>
@@ -7,7 +7,7 @@
 
 #include <iclk/session/pose_errors.h>
 
-#include "apps/peers/methods.h"
+#include "apps/eval/peers/methods.h"
 #include "device.h"
 #include "files.h"
 

@@ -7,7 +7,7 @@
 #include <iclk/session/io/camera_file.h>
 #include <iclk/session/io/distortion.h>
 
-#include "apps/io/undistorter.h"
+#include "apps/iclk/io/undistorter.h"
 #include "files.h"
 
 namespace iclk {

@@ -12,7 +12,7 @@
 
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/sets/scene.h"
+#include "apps/iclk/sets/scene.h"
 #include "files.h"
 
 namespace iclk::test {

@@ -11,7 +11,7 @@
 #include <opencv2/core.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/commands/command.h"
+#include "apps/iclk/commands/command.h"
 #include "command_fixture.h"
 #include "device.h"
 #include "full_disk.h"

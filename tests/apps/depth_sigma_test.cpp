@@ -5,7 +5,7 @@
 
 #include <iclk/session/depth_sigma.h>
 
-#include "apps/commands/command.h"
+#include "apps/iclk/commands/command.h"
 #include "command_fixture.h"
 
 namespace iclk {

@@ -11,7 +11,7 @@
 #include <iclk/session/internal/corners.h>
 #include <iclk/session/internal/grey.h>
 
-#include "apps/io/images.h"
+#include "apps/iclk/io/images.h"
 #include "files.h"
 
 namespace iclk {

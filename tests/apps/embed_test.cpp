@@ -4,8 +4,9 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/render/procedural.h>
+
 #include "apps/embed/flight.h"
-#include "apps/render/procedural.h"
 
 #include "command_fixture.h"
 #include "device.h"

@@ -3,10 +3,10 @@
 
 #include <iclk/session/io/text.h>
 
-#include "apps/commands/command.h"
 #include "apps/eval/pictures.h"
 #include "apps/eval/report.h"
-#include "apps/io/images.h"
+#include "apps/iclk/commands/command.h"
+#include "apps/iclk/io/images.h"
 #include "command_fixture.h"
 #include "eval_set.h"
 

@@ -9,7 +9,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/io/sequence.h"
+#include "apps/iclk/io/sequence.h"
 #include "command_fixture.h"
 
 namespace iclk {

@@ -9,10 +9,10 @@
 #include <iclk/session/io/output.h>
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/io/euroc.h"
-#include "apps/io/images.h"
-#include "apps/io/levels.h"
-#include "apps/io/time_unit.h"
+#include "apps/iclk/io/euroc.h"
+#include "apps/iclk/io/images.h"
+#include "apps/iclk/io/levels.h"
+#include "apps/iclk/io/time_unit.h"
 #include "files.h"
 
 namespace iclk {

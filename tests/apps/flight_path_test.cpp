@@ -5,7 +5,7 @@
 
 #include <Eigen/Geometry>
 
-#include "apps/sets/flight_path.h"
+#include "apps/iclk/sets/flight_path.h"
 #include "files.h"
 
 namespace iclk {

@@ -7,13 +7,13 @@
 
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/batch/manifest.h"
-#include "apps/commands/command.h"
-#include "apps/io/euroc.h"
-#include "apps/io/images.h"
-#include "apps/io/json.h"
-#include "apps/io/sequence.h"
-#include "apps/io/stereo_file.h"
+#include "apps/iclk/commands/command.h"
+#include "apps/iclk/io/euroc.h"
+#include "apps/iclk/io/images.h"
+#include "apps/iclk/io/sequence.h"
+#include "apps/iclk/io/stereo_file.h"
+#include "apps/json/json.h"
+#include "apps/json/manifest.h"
 #include "batch_process.h"
 #include "device.h"
 #include "files.h"

@@ -3,8 +3,8 @@
 
 #include <nlohmann/json.hpp>
 
-#include "apps/commands/command.h"
-#include "apps/peers/foreign_poses.h"
+#include "apps/eval/peers/foreign_poses.h"
+#include "apps/iclk/commands/command.h"
 #include "command_fixture.h"
 #include "eval_set.h"
 

@@ -1,6 +1,6 @@
 // A disk that is full from some operation on, at every operation in turn.
 #include "full_disk.h"
-#include "apps/commands/command.h"
+#include "apps/iclk/commands/command.h"
 #include "batch_fixture.h"
 #include "device.h"
 

@@ -6,7 +6,7 @@
 #include <gdal.h>
 #include <ogr_srs_api.h>
 
-#include "apps/render/terrain.h"
+#include <iclk/render/terrain.h>
 
 namespace iclk::test {
 

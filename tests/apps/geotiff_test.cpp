@@ -1,8 +1,9 @@
 // GeoTIFF files made here, and what becomes of them.
 #include <gtest/gtest.h>
 
-#include "apps/render/geotiff.h"
-#include "apps/render/renderer.h"
+#include <iclk/render/geotiff.h>
+#include <iclk/render/renderer.h>
+
 #include "device.h"
 #include "files.h"
 #include "geotiff_file.h"

@@ -5,7 +5,7 @@
 
 #include <opencv2/imgcodecs.hpp>
 
-#include "apps/io/images.h"
+#include "apps/iclk/io/images.h"
 #include "files.h"
 
 namespace iclk {

@@ -1,4 +1,4 @@
-#include "apps/io/images.h"
+#include "apps/iclk/io/images.h"
 
 #include <cmath>
 #include <limits>

@@ -16,7 +16,7 @@
 #include <iclk/align/model_file.h>
 #include <iclk/align/tuning.h>
 
-#include "apps/commands/command.h"
+#include "apps/iclk/commands/command.h"
 #include "command_fixture.h"
 #include "random_model.h"
 

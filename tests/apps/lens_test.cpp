@@ -7,11 +7,11 @@
 #include <Eigen/LU>
 #include <opencv2/calib3d.hpp>
 
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
 #include <iclk/session/io/distortion.h>
 
-#include "apps/io/undistorter.h"
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
+#include "apps/iclk/io/undistorter.h"
 #include "device.h"
 #include "files.h"
 #include "render_fixture.h"

@@ -5,8 +5,8 @@
 #include <iclk/session/io/distortion.h>
 #include <iclk/session/pose_errors.h>
 
-#include "apps/session/run_pairs.h"
-#include "apps/sets/scene.h"
+#include "apps/iclk/session/run_pairs.h"
+#include "apps/iclk/sets/scene.h"
 #include "files.h"
 
 namespace iclk {

@@ -4,8 +4,8 @@
 #include <iclk/session/io/text.h>
 #include <iclk/session/models.h>
 
-#include "apps/commands/command.h"
-#include "apps/session/model_info.h"
+#include "apps/iclk/commands/command.h"
+#include "apps/json/model_info.h"
 #include "command_fixture.h"
 #include "tiny_model.h"
 

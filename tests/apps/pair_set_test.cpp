@@ -3,10 +3,10 @@
 
 #include <iclk/session/io/feature_csv.h>
 
-#include "apps/batch/manifest.h"
-#include "apps/commands/command.h"
-#include "apps/io/images.h"
-#include "apps/sets/pair_set.h"
+#include "apps/iclk/commands/command.h"
+#include "apps/iclk/io/images.h"
+#include "apps/iclk/sets/pair_set.h"
+#include "apps/json/manifest.h"
 #include "batch_process.h"
 #include "device.h"
 #include "full_disk.h"

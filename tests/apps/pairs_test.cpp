@@ -3,8 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include "apps/render/pairs.h"
-#include "apps/render/procedural.h"
+#include <iclk/render/pairs.h>
+#include <iclk/render/procedural.h>
+
 #include "device.h"
 #include "files.h"
 #include "render_fixture.h"

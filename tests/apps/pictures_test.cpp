@@ -1,10 +1,10 @@
-#include "apps/pictures/pictures.h"
+#include "apps/iclk/pictures/pictures.h"
 
 #include <gtest/gtest.h>
 
 #include <cmath>
 
-#include "apps/sets/scene.h"
+#include "apps/iclk/sets/scene.h"
 
 namespace iclk {
 namespace {

@@ -5,7 +5,7 @@
 
 #include <Eigen/Geometry>
 
-#include "apps/render/renderer.h"
+#include <iclk/render/renderer.h>
 
 namespace iclk::test {
 

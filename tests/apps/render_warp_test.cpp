@@ -5,8 +5,9 @@
 
 #include <Eigen/LU>
 
-#include "apps/render/geotiff.h"
-#include "apps/render/procedural.h"
+#include <iclk/render/geotiff.h>
+#include <iclk/render/procedural.h>
+
 #include "device.h"
 #include "files.h"
 #include "render_fixture.h"

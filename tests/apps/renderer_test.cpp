@@ -4,8 +4,8 @@
 #include <gtest/gtest.h>
 
 #include <iclk/engine/submission.h>
+#include <iclk/render/procedural.h>
 
-#include "apps/render/procedural.h"
 #include "device.h"
 #include "files.h"
 #include "render_fixture.h"

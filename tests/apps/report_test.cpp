@@ -1,9 +1,9 @@
 // What the JSON and the table say of a covariance that was not computed, and of what refinement knows of each feature.
-#include "apps/session/report.h"
+#include "apps/iclk/session/report.h"
 
 #include <gtest/gtest.h>
 
-#include "apps/sets/scene.h"
+#include "apps/iclk/sets/scene.h"
 
 namespace iclk {
 namespace {

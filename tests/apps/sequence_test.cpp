@@ -1,4 +1,4 @@
-#include "apps/io/sequence.h"
+#include "apps/iclk/io/sequence.h"
 #include <filesystem>
 
 #include "files.h"

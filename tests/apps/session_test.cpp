@@ -1,4 +1,4 @@
-#include "apps/session/run_pairs.h"
+#include "apps/iclk/session/run_pairs.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,9 +8,9 @@
 #include <iclk/session/io/distortion.h>
 #include <iclk/session/pose_errors.h>
 
-#include "apps/io/sequence.h"
-#include "apps/session/report.h"
-#include "apps/sets/scene.h"
+#include "apps/iclk/io/sequence.h"
+#include "apps/iclk/session/report.h"
+#include "apps/iclk/sets/scene.h"
 #include "files.h"
 
 namespace iclk {

@@ -10,11 +10,11 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/io/stereo_file.h"
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
+#include "apps/iclk/io/stereo_file.h"
 #include "command_fixture.h"
 #include "device.h"
 

@@ -9,9 +9,10 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 
-#include "apps/io/euroc.h"
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
+
+#include "apps/iclk/io/euroc.h"
 
 #include "command_fixture.h"
 #include "device.h"

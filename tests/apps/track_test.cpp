@@ -6,8 +6,8 @@
 
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/io/sequence.h"
-#include "apps/track/readout.h"
+#include "apps/iclk/io/sequence.h"
+#include "apps/iclk/track/readout.h"
 #include "batch_process.h"
 #include "command_fixture.h"
 #include "device.h"

@@ -6,12 +6,12 @@
 #include <opencv2/imgproc.hpp>
 #include <opencv2/videoio.hpp>
 
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/io/images.h"
-#include "apps/io/video.h"
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
+#include "apps/iclk/io/images.h"
+#include "apps/iclk/io/video.h"
 
 #include "command_fixture.h"
 #include "device.h"

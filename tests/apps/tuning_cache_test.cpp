@@ -5,7 +5,7 @@
 
 #include <iclk/session/tuning_cache.h>
 
-#include "apps/bench/device_tuning.h"
+#include "apps/iclk/commands/device_tuning.h"
 #include "device.h"
 #include "files.h"
 #include "random_model.h"

@@ -12,13 +12,13 @@
 #include <string>
 
 #include <iclk/engine/error.h>
+#include <iclk/render/geotiff.h>
 #include <iclk/session/io/camera_file.h>
 #include <iclk/session/io/feature_csv.h>
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/batch/manifest.h"
-#include "apps/io/images.h"
-#include "apps/render/geotiff.h"
+#include "apps/iclk/io/images.h"
+#include "apps/json/manifest.h"
 
 namespace {
 

@@ -7,11 +7,10 @@
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
 #include <iclk/track/tracker.h>
 #include <iclk/track/trajectory.h>
-
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
 
 #include "device.h"
 

@@ -8,11 +8,10 @@
 #include <Eigen/Geometry>
 
 #include <iclk/align/device_aligner.h>
+#include <iclk/render/procedural.h>
+#include <iclk/render/renderer.h>
 #include <iclk/track/rolling_shutter.h>
 #include <iclk/track/tracker.h>
-
-#include "apps/render/procedural.h"
-#include "apps/render/renderer.h"
 
 #include "device.h"
 

@@ -85,7 +85,7 @@ def load_image(source: Source, key: str, most_pixels: int) -> Image:
 
 
 def level(images: list[Image]) -> list[Image]:
-    """16-bit images of few bits between a common black and white, as `iclk batch` has them (apps/io/levels.cpp)."""
+    """16-bit images of few bits between a common black and white, as `iclk batch` has them (apps/iclk/io/levels.cpp)."""
     deep = [image.ravel() for image in images if image.dtype == np.uint16]
     if not deep:
         return images

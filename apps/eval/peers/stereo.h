@@ -1,0 +1,24 @@
+#pragma once
+#include <string>
+#include <vector>
+
+#include <opencv2/core.hpp>
+
+#include "apps/iclk/depth/input.h"
+
+namespace iclk {
+
+/// What a method of OpenCV made of the reference and the first target.
+struct DepthPeer {
+  std::string name;
+  cv::Mat depth;     ///< of the reference's pixels, CV_32FC1 metres, 0: none
+  double cpu_s = 0;  ///< of compute() alone
+};
+
+/// StereoSGBM (three paths and eight) and, where OpenCV has it, StereoBinarySGBM with the settings of its own samples, on the
+/// rectified pair; rectified by cv::stereoRectify unless the cameras already are. "widened": with borders as wide as the
+/// disparities, so that the first columns have answers too. Throws Error(unsupported) where the cameras stand one above the
+/// other or one behind the other: such a pair has no horizontal rectification.
+std::vector<DepthPeer> depth_peers(const DepthInput& input);
+
+}  // namespace iclk

@@ -1,0 +1,216 @@
+#include <fmt/format.h>
+#include <spdlog/spdlog.h>
+#include <nlohmann/json.hpp>
+
+#include <iclk/depth/depth_sweep.h>
+#include <iclk/session/device.h>
+#include <iclk/session/io/output.h>
+
+#include "apps/eval/peers/stereo.h"
+#include "apps/iclk/commands/command.h"
+#include "apps/iclk/common/measure.h"
+#include "apps/iclk/common/not_empty.h"
+#include "apps/iclk/depth/figures.h"
+#include "apps/iclk/depth/input.h"
+#include "apps/iclk/depth/output.h"
+#include "apps/iclk/io/images.h"
+
+namespace iclk {
+namespace {
+
+struct DepthCommand {
+  DepthFiles files;
+  DepthOptions options;
+  int planes = 0;
+  std::string device, out, truth;
+  double truth_scale = 0, memory = 0;
+  bool json = false, fill = false, peers = false, profile = false;
+};
+
+const char* const kDepthFooter =
+    "Poses are T_10: they map points of REF's camera into TARGET's, X_1 = R X_0 + t, in metres.\n"
+    "\n"
+    "Written to --out: depth.tiff and depth.exr (32-bit float metres, 0: none), depth.png (16 bit; its scale is printed),\n"
+    "confidence.png, colour.png and cloud.ply.\n"
+    "\n"
+    "Exit code 0 (converged) says that the map is supported: 11 (low_overlap) that the targets hardly see REF, 12\n"
+    "(degenerate) that hardly a depth matches better than others, as with a wrong pose, 14 (diverged) that most of the\n"
+    "depths given contradict the map. The files are written all the same.\n"
+    "\n"
+    "Examples:\n"
+    "  iclk depth left.png right.png --camera 994.978,994.978,311.193,254.877 \\\n"
+    "    --target-camera 994.978,994.978,342.279,254.877 --pose '-0.193001 0 0 0 0 0 1' --depth-range 2,6 --out depth\n"
+    "  iclk align a.png b.png --features points.csv --camera camera.txt --json > result.json\n"
+    "  iclk depth a.png b.png --camera camera.txt --result result.json --out depth\n"
+    "  iclk depth a.png b.png c.png --camera camera.txt --poses poses.txt --features points.csv --out depth\n"
+    "\n";
+
+nlohmann::ordered_json to_json(const DepthFigures& f) {
+  return {{"bad_2", f.bad_2},
+          {"bad_1", f.bad_1},
+          {"bad_2_of_answers", f.bad_2_of_answers},
+          {"median_relative_error", f.median_error},
+          {"completeness", f.completeness},
+          {"seen", f.seen},
+          {"completeness_of_seen", f.seen_answered},
+          {"known", f.known}};
+}
+
+void run_depth(const DepthCommand& command, int& exit) {
+  command.options.check();
+  if (!command.out.empty()) make_output_folder(command.out);
+  const DepthInput input = load_depth_input(command.files);
+  cv::Mat truth;
+  if (!command.truth.empty()) {
+    truth = load_depth(command.truth, command.truth_scale);
+    if (truth.size() != input.reference.size())
+      throw Error(ErrorCode::invalid_argument, command.truth + ": not of the reference's size");
+  }
+  DepthPlan plan{input.camera.width, input.camera.height, command.planes, static_cast<int>(input.targets.size())};
+  if (!(command.memory >= 0 && command.memory < 1e9))
+    throw Error(ErrorCode::invalid_argument, fmt::format("--memory {}: must be megabytes, 0 or more", command.memory));
+  plan.most_bytes = static_cast<uint64_t>(1e6 * command.memory);
+  if (plan.planes == 0) plan.planes = planes_for(input.camera, input.cameras, input.T_10, input.range);
+  plan.check();
+
+  const auto context = open_device(command.device);
+  if (context->cpu_unasked()) spdlog::warn("no GPU with Vulkan here: running on {}", context->info().name);
+  DepthOptions options = command.options;
+  options.keep_unseen = options.keep_unseen || command.fill;
+  DepthSweep sweep(context, plan, options);
+  std::vector<DepthSource> sources;
+  for (size_t i = 0; i < input.targets.size(); ++i)
+    sources.push_back({view(input.targets[i]), input.cameras[i], input.T_10[i]});
+
+  if (command.peers) sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);  // warm
+  const Stopwatch watch;
+  DepthMap map = sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);
+  const double cpu = watch.cpu_ms() / 1000, wall = watch.wall_ms() / 1000;
+
+  const double step = (1 / input.range.near - 1 / input.range.far) / (plan.planes - 1);
+  if (input.priors.size() == 0) compare(map, input.measured, options.tolerance * step);
+  if (command.fill) fill(map);
+  const cv::Mat depth = depth_image(map);
+  nlohmann::ordered_json json = {
+      {"schema", "iclk-depth-1"},      {"status", name(map.status)}, {"reason", map.reason},   {"seen", map.seen},
+      {"agreeing", map.agreeing},      {"width", plan.width},        {"height", plan.height},  {"planes", plan.planes},
+      {"views", plan.views},           {"near", input.range.near},   {"far", input.range.far}, {"valid", map.valid},
+      {"png_scale", png_scale(depth)}, {"strips", sweep.strips()},   {"seconds", wall},        {"cpu_seconds", cpu},
+      {"device", context->info().name}};
+  std::string text =
+      fmt::format("depth      {}x{}, {} views, {} planes from {:.4g} to {:.4g} m\nvalid      {:.1f} %\n", plan.width,
+                  plan.height, plan.views, plan.planes, input.range.near, input.range.far, 100 * map.valid);
+  text += fmt::format("time       {:.0f} ms, {:.2f} CPU-s on {}\n", 1000 * wall, cpu, context->info().name);
+  const auto judge = [&](const cv::Mat& answer) {
+    return depth_figures(answer, truth, input.camera, input.cameras, input.T_10);
+  };
+  if (!truth.empty()) {
+    const DepthFigures figures = judge(depth);
+    json["truth"] = to_json(figures);
+    text += "truth      " + to_text(figures) + "\n";
+  }
+  if (command.peers) {
+    json["peers"] = nlohmann::ordered_json::array();
+    for (DepthPeer& peer : depth_peers(input)) {
+      if (command.fill) fill_depth(peer.depth);
+      nlohmann::ordered_json entry = {{"name", peer.name}, {"cpu_seconds", peer.cpu_s}};
+      text += fmt::format("{:<18} {:.2f} CPU-s", peer.name, peer.cpu_s);
+      if (!truth.empty()) {
+        const DepthFigures figures = judge(peer.depth);
+        entry["truth"] = to_json(figures);
+        text += ", " + to_text(figures);
+      }
+      json["peers"].push_back(entry);
+      text += "\n";
+    }
+  }
+  if (command.profile)
+    for (const engine::StageTime& stage : sweep.times())
+      spdlog::info("{:<12} {:8.1f} ms", stage.name, stage.milliseconds / stage.count);
+  if (!command.out.empty())
+    text += fmt::format("written    {} in {}; depth.png holds {:g} units a metre\n",
+                        write_depth(command.out, map, input.reference, input.camera), command.out, png_scale(depth));
+  text += fmt::format("status     {}: {}\n", name(map.status), map.reason);
+  print(command.json ? json.dump(2) + "\n" : text);
+  exit = exit_code(map.status);
+}
+
+}  // namespace
+
+void add_depth(CLI::App& app, int& exit) {
+  CLI::App* command = app.add_subcommand("depth", "A dense depth map of an image from others whose poses are known");
+  auto options = std::make_shared<DepthCommand>();
+  DepthFiles& files = options->files;
+  DepthOptions& sweep = options->options;
+  command->add_option("REF", files.reference, "Image whose depth is wanted")->required()->check(not_empty)->type_name("FILE");
+  command->add_option("TARGET", files.targets, "Images that see the same, 1 to 8")
+      ->required()
+      ->expected(1, 8)
+      ->check(not_empty)
+      ->type_name("FILE");
+  command->option_defaults()->group("Input");
+  command->add_option("--camera", files.camera, "fx,fy,cx,cy[,width,height] or a file, as of align")
+      ->required()
+      ->check(not_empty);
+  command->add_option("--target-camera", files.target_camera, "The targets', where it is another")->check(not_empty);
+  command->add_option("--distortion", files.distortion,
+                      "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's");
+  command->add_option("--pose", files.poses, "T_10, once a target: 'tx ty tz qx qy qz qw', a matrix, or a file of one")
+      ->check(not_empty)
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
+      ->type_name("POSE");
+  command->add_option("--poses", files.pose_file, "A file with a pose T_10 a line, in the order of the targets")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command->add_option("--result", files.result, "result.json of iclk align: the pose, and its features' depths as priors")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command->add_option("--features", files.features, "Sparse depths of REF, a CSV as of align: priors, and the range")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command
+      ->add_option("--depth", files.depth,
+                   "A depth image of REF: the map is compared with it, and it tells the range where nothing else does")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command->add_option("--depth-scale", files.depth_scale, "Raw units a metre of its 16 bits; float depth is in metres");
+  command->add_flag("--depth-along-ray", files.depth_along_ray,
+                    "Depths, those of features too, are distances from the camera's centre, not depths along its axis");
+  command->add_option("--depth-range", files.range, "Where to look, metres; default: as the sparse depths, with a margin")
+      ->check(not_empty)
+      ->type_name("NEAR,FAR");
+  command->option_defaults()->group("Matching");
+  command
+      ->add_option("--planes", options->planes,
+                   "Planes of inverse depth, a multiple of 16; 0: one a pixel of motion, 256 at most")
+      ->capture_default_str();
+  command->add_option("--p1", sweep.p1, "Penalty where neighbours differ by a plane")->capture_default_str();
+  command->add_option("--p2", sweep.p2, "Penalty where they differ by more")->capture_default_str();
+  command->add_option("--edge", sweep.edge, "Loss of p2 a grey level of difference")->capture_default_str();
+  command->add_option("--uniqueness", sweep.uniqueness, "Share by which the second best must be worse")->capture_default_str();
+  command->add_option("--tolerance", sweep.tolerance, "Planes by which views may disagree")->capture_default_str();
+  command->add_option("--iterations", sweep.iterations, "Of the refinement between planes")->capture_default_str();
+  command->add_option("--speckle", sweep.speckle, "Islands of fewer pixels are dropped")->capture_default_str();
+  command->add_option("--device", options->device,
+                      "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
+  command
+      ->add_option("--memory", options->memory,
+                   "Megabytes of the device at most: rows are taken in strips; default: what it holds")
+      ->type_name("MB");
+  command->add_flag("--keep-unseen", sweep.keep_unseen,
+                    "Keep pixels that lie outside every target, as their neighbours suggest, with confidence 0");
+  command->add_flag("--fill", options->fill,
+                    "Give pixels without an answer the depth of what lies behind around them; the peers too");
+  command->option_defaults()->group("Output");
+  command->add_option("--out", options->out, "Folder for what is written")->type_name("DIR")->check(not_empty);
+  command->add_option("--truth", options->truth, "True depth of REF: the errors are told")->check(not_empty)->type_name("FILE");
+  command->add_option("--truth-scale", options->truth_scale, "Raw units a metre of its 16 bits");
+  command->add_flag("--peers", options->peers, "Run OpenCV's stereo methods on the same pair, rectified");
+  command->add_flag("--json", options->json, "The summary as JSON on standard output, and nothing else there");
+  command->add_flag("--profile", options->profile, "Print where the device's time went, on standard error");
+  command->footer(std::string(kDepthFooter) + kExitCodesHelp);
+  command->callback([options, &exit] { run_depth(*options, exit); });
+}
+
+}  // namespace iclk

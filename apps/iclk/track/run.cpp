@@ -1,0 +1,220 @@
+#include "apps/iclk/track/run.h"
+
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <filesystem>
+#include <map>
+
+#include <fmt/format.h>
+#include <nlohmann/json.hpp>
+
+#include <iclk/engine/error.h>
+#include <iclk/session/io/output.h>
+#include <iclk/track/rolling_shutter.h>
+
+#include "apps/iclk/common/version.h"
+#include "apps/iclk/track/journal.h"
+#include "apps/iclk/track/output.h"
+#include "apps/iclk/track/readout.h"
+#include "apps/json/json.h"
+
+namespace iclk {
+namespace {
+
+constexpr int kRelativeFrames = 30;
+constexpr int kReadoutFrames = 100;
+
+std::string absolute(const std::string& path) { return path.empty() ? path : std::filesystem::absolute(path).string(); }
+
+constexpr std::array<const char*, 3> kSolvers = {"host", "device", "cpu"};  // by Solver
+
+/// The results depend on these. The names are those of the command line.
+nlohmann::ordered_json options_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
+  const Camera& c = frames.camera();
+  const FramesOptions& f = options.frames;
+  return {{"version", version()},
+          {"FOLDER", absolute(f.folder)},
+          {"--first", f.first},
+          {"--stride", f.stride},
+          {"--rate", f.rate},
+          {"--camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
+          {"--distortion", distortion_text(frames.distortion())},
+          {"--depth", absolute(f.depth)},
+          {"--depth-scale", f.depth_scale},
+          {"--depth-along-ray", f.depth_along_ray},
+          {"--depth-sigma", {tracker.depth_noise.constant, tracker.depth_noise.relative}},
+          {"--depth-every", f.depth_every},
+          {"--depth-holes", f.depth_holes},
+          {"--mask", absolute(f.mask)},
+          {"--model", options.model},
+          {"--solver", kSolvers.at(static_cast<size_t>(options.solver))},
+          {"--count", tracker.detector.count},
+          {"--seeds", tracker.seeds},
+          {"--keyframes", tracker.keyframes},
+          {"--window", tracker.window},
+          {"--min-visible", tracker.min_visible},
+          {"--readout", tracker.readout}};
+}
+
+void write_results(const TrackRunOptions& options, const Tracker& tracker, const Camera& camera,
+                   const std::vector<TrackedFrame>& frames, const TrackReport& report) {
+  const auto write = [&](const char* name, const std::string& text) {
+    write_file((std::filesystem::path(options.out) / name).string(), text);
+  };
+  std::vector<SE3> poses;
+  for (int id = 0; id < tracker.keyframe_count(); ++id) poses.push_back(tracker.keyframe_pose(id));
+  std::vector<TrackedFrame> keyframes;
+  const auto add = [&](int id, double time) {
+    TrackedFrame& k = keyframes.emplace_back();
+    k.result.status = TrackStatus::keyframe;
+    k.result.time = time;
+    k.T_WC = tracker.keyframe_pose(id);
+  };
+  for (const TrackedFrame& f : frames) {
+    if (f.result.before) add(f.result.before->keyframe, f.result.before->time);
+    if (f.result.status == TrackStatus::keyframe) add(f.result.keyframe, f.result.time);
+  }
+  write("trajectory.txt", tum_text(frames));
+  write("trajectory_kitti.txt", kitti_text(frames));
+  write("keyframes.txt", tum_text(keyframes));
+  write("map.ply", map_ply(tracker, camera));
+  write("path.png", path_png(frames, poses, report.adjusted ? &*report.adjusted : nullptr));
+}
+
+/// The frames of other maps count as lost from here on. Their number.
+int keep_largest_map(std::vector<TrackedFrame>& frames) {
+  std::map<int, int> sizes;
+  for (const TrackedFrame& f : frames) sizes[f.result.map] += f.result.status != TrackStatus::lost;
+  const auto largest =
+      std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
+  int others = 0;
+  for (TrackedFrame& f : frames) {
+    if (f.result.map == largest->first) continue;
+    others += f.result.status != TrackStatus::lost;
+    f.result.status = TrackStatus::lost;
+    f.result.before.reset();
+  }
+  return others;
+}
+
+}  // namespace
+
+double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
+                    const std::function<void(int, int, int)>& progress) {
+  TrackRunOptions trial = options;
+  trial.out.clear();
+  trial.most = kReadoutFrames;
+  return find_readout([&](double readout) {
+    trial.tracker.readout = readout;
+    const TrackReport r = track_sequence(trial, frames, progress);
+    return ReadoutTrial{readout, r.readout, r.readout_sigma, r.frames - r.lost - r.unconfirmed};
+  });
+}
+
+TrackErrors track_errors(std::span<const PosePair> poses) {
+  return {absolute_error(poses), relative_error(poses, kRelativeFrames), way_length(poses), static_cast<int>(poses.size())};
+}
+
+TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frames,
+                           const std::function<void(int, int, int)>& progress) {
+  TrackerOptions how = options.tracker;
+  how.masks = how.masks || frames.masks();
+  how.rows = frames.rows();
+  const Session session({.model = options.model, .device = options.device, .solver = options.solver});
+  Tracker tracker(session, frames.camera(), how);
+
+  TrackReport report;
+  report.device = session.context() ? session.device_name() : "CPU";
+  report.cpu_unasked = session.cpu_unasked();
+  if (!options.out.empty()) make_output_folder(options.out);
+  Journal journal(options.out, options_of(options, frames, how), options.fresh, tracker);
+  TrackCounts& counts = report.counts = journal.counts();
+  std::vector<TrackedFrame> tracked;
+  const int count = options.most > 0 ? std::min(options.most, frames.size()) : frames.size();
+  report.continued = std::min(count, static_cast<int>(journal.results().size()));
+  const auto keep = [&](int i, const TrackResult& r) {
+    report.lost += r.status == TrackStatus::lost;
+    report.unconfirmed += r.status != TrackStatus::lost && !r.confirmed;
+    report.align_ms += r.align_ms;
+    report.keyframe_ms += r.keyframe_ms;
+    report.bundle_ms += r.bundle_ms;
+    tracked.push_back({r, {}, frames.truth(i)});
+  };
+  for (int i = 0; i < report.continued; ++i) keep(i, journal.results()[static_cast<size_t>(i)]);
+  for (int i = report.continued; i < count; ++i) {
+    const auto& pixels = frames.read(i);
+    if (!pixels.problem.empty() && counts.unreadable++ == 0) counts.first_problem = pixels.problem;
+    counts.without_depth += pixels.depth.empty();
+    TrackResult result;
+    result.time = frames.time(i);
+    result.reason = pixels.problem;
+    if (!pixels.image.empty()) {
+      const TrackFrame frame = frames.view_of(i);
+      const auto start = std::chrono::steady_clock::now();
+      result = tracker.track(frame);
+      counts.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    }
+    keep(i, journal.add(result, counts, tracker));
+    progress(i + 1, count, report.lost);
+  }
+  report.frames = count;
+  report.doubled = frames.doubled();
+  report.keyframes = tracker.keyframe_count();
+  report.readout_used = how.readout;
+  report.readout = tracker.readout().seconds();
+  report.readout_sigma = tracker.readout().sigma();
+  std::vector<PosePair> live_pairs, adjusted_pairs;
+  report.elsewhere = keep_largest_map(tracked);
+  for (TrackedFrame& t : tracked) {
+    if (t.result.status == TrackStatus::lost) continue;
+    t.T_WC = tracker.keyframe_pose(t.result.keyframe) * t.result.T_CK.inverse();
+    t.T_WC.orthonormalize();
+    if (!t.truth) continue;
+    live_pairs.push_back({t.result.T_WC, *t.truth});
+    adjusted_pairs.push_back({t.T_WC, *t.truth});
+  }
+  if (live_pairs.size() >= 3) {
+    report.live = track_errors(live_pairs);
+    report.adjusted = track_errors(adjusted_pairs);
+  }
+  if (!options.out.empty()) write_results(options, tracker, frames.camera(), tracked, report);
+  journal.finish();
+  return report;
+}
+
+std::string to_text(const TrackReport& r) {
+  std::string text = fmt::format("frames     {}: {} tracked, {} of them not confirmed by features, {} lost; {} keyframes\n",
+                                 r.frames, r.frames - r.lost, r.unconfirmed, r.lost, r.keyframes);
+  if (r.continued > 0) text += fmt::format("continued  behind {} frames of a run that was stopped\n", r.continued);
+  const TrackCounts& c = r.counts;
+  if (c.without_depth > 0) text += fmt::format("depth      {} frames have none near in time\n", c.without_depth);
+  if (c.unreadable > 0) text += fmt::format("unreadable {}, the first: {}\n", c.unreadable, c.first_problem);
+  if (r.doubled > 0) text += fmt::format("left out   {} frames as late as the one before\n", r.doubled);
+  text += fmt::format("speed      {:.1f} frames/s on {}: alignment {:.1f} ms a frame, new keyframes {:.1f}, bundles {:.1f}\n",
+                      r.frames / c.seconds, r.device, r.align_ms / r.frames, r.keyframe_ms / r.frames, r.bundle_ms / r.frames);
+  if (r.elsewhere > 0) text += fmt::format("maps       {} more frames were tracked in other maps\n", r.elsewhere);
+  if (r.readout_used != 0) text += fmt::format("shutter    rows taken as read in {:.1f} ms\n", 1000 * r.readout_used);
+  if (r.readout_used == 0 && r.readout_sought) text += "shutter    no readout found: rows taken as read at once\n";
+  const double off = std::abs(r.readout - r.readout_used);
+  if (off > kLeastReadout && off > kReadoutSigmas * r.readout_sigma)
+    text += fmt::format("           features say {:.1f} +- {:.1f} ms{}\n", 1000 * r.readout, 1000 * r.readout_sigma,
+                        r.readout_used == 0 && !r.readout_sought ? "; --readout auto looks for it" : "");
+  if (!r.live) return text + "truth      none\n";
+  for (const auto& [name, e] : {std::pair("live", *r.live), std::pair("adjusted", *r.adjusted)})
+    text += fmt::format("{:<10} {}\n", name, to_text(e));
+  return text;
+}
+
+std::string to_text(const TrackErrors& e) {
+  std::string text =
+      fmt::format("ATE {:.2f} cm (median {:.2f}, max {:.2f}), {:.2f} % of {:.2f} m", 100 * e.absolute.rmse,
+                  100 * e.absolute.median, 100 * e.absolute.max, 100 * e.absolute.rmse / std::max(e.way, 1e-9), e.way);
+  if (e.relative.count > 0)
+    text += fmt::format("; RPE over {} frames {:.2f} cm, {:.2f} deg", kRelativeFrames, 100 * e.relative.translation,
+                        e.relative.rotation * 180 / M_PI);
+  return text;
+}
+
+}  // namespace iclk
