@@ -5,6 +5,7 @@
 
 #include <iclk/session/io/output.h>
 
+#include "apps/eval/commands.h"
 #include "apps/eval/export.h"
 #include "apps/eval/pictures.h"
 #include "apps/eval/report.h"
@@ -177,7 +178,7 @@ void add_eval(CLI::App& app, int& exit) {
   command->add_option("--seed", o->eval.seed, "Of the changes, and of --detector random")->capture_default_str();
   command->option_defaults()->group("Alignment");
   o->run.add_to(*command);
-  command->footer(std::string(kEvalFooter) + kExitCodesHelp);
+  command->footer(kEvalFooter + exit_codes_help("0 done"));
   command->callback([o, &exit] { run(*o, exit); });
 }
 

@@ -140,6 +140,7 @@ TEST(Depth, BetterThanSgbmOnMotorcycle) {
     all.push_back(option);
     return run(all);
   };
+  if (!has_program("iclk-peers")) GTEST_SKIP() << "no iclk-peers";
   const Finished f = with("--peers"), unseen = with("--keep-unseen");
   ASSERT_EQ(f.code, 0) << f.err;
   const auto json = nlohmann::json::parse(f.out);

@@ -47,6 +47,13 @@ inline std::string data_folder(const std::string& name) {
   return std::filesystem::exists(path) ? path.string() : "";
 }
 
+#ifdef ICLK_COMMAND
+/// Programs beside the command that a build leaves out where OpenCV lacks modules.
+inline bool has_program(const std::string& name) {
+  return std::filesystem::exists(std::filesystem::path(ICLK_COMMAND).parent_path() / name);
+}
+#endif
+
 /// `statement` throws Error of that code, with every given piece of text in its message.
 template <typename F>
 void expect_error(F statement, ErrorCode code, std::initializer_list<const char*> pieces) {

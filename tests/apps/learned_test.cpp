@@ -146,6 +146,7 @@ TEST_F(Learned, TheCheapestModelThatConvergesIsTheDefault) {
 }
 
 TEST_F(Learned, SeveralModelsAreNotMeasuredAsOne) {
+  if (!test::has_program("iclk-bench")) GTEST_SKIP() << "no iclk-bench";
   const Finished bench = run({"bench", "--model", "auto", "--pairs", "1"});
   EXPECT_EQ(bench.code, kBadInput);
   EXPECT_NE(bench.err.find("--model auto is several models"), std::string::npos) << bench.err;
@@ -254,6 +255,7 @@ TEST_F(Learned, ABatchGoesOnOnlyWithTheSameWeights) {
 }
 
 TEST_F(Learned, BenchMeasuresEveryStage) {
+  if (!test::has_program("iclk-bench")) GTEST_SKIP() << "no iclk-bench";
   if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
   const Finished f = run({"bench", "--model", file("narrow.safetensors"), "--size", "192x144", "--pairs", "1,2",
                           "--repetitions", "1", "--json", "--save-pair", file("pair.safetensors")},
@@ -292,6 +294,7 @@ TEST_F(Learned, BenchMeasuresEveryStage) {
 }
 
 TEST_F(Learned, BenchMeasuresEveryLayerInEveryVariant) {
+  if (!test::has_program("iclk-bench")) GTEST_SKIP() << "no iclk-bench";
   if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
   const std::vector<std::string> line{"bench",  "--layers", "--model",       file("narrow.safetensors"),
                                       "--size", "96x72",    "--repetitions", "2"};

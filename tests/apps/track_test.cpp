@@ -116,6 +116,7 @@ TEST(Readout, NothingIsFoundWhereNothingRolls) {
 }
 
 TEST(Track, OthersFromFrameToFrame) {
+  if (!test::has_program("iclk-peers")) GTEST_SKIP() << "no iclk-peers";
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
   if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";

@@ -7,6 +7,7 @@
 
 #include "apps/eval/bench/layers.h"
 #include "apps/eval/bench/runs.h"
+#include "apps/eval/commands.h"
 #include "apps/iclk/commands/command.h"
 #include "apps/iclk/common/not_empty.h"
 
@@ -34,7 +35,8 @@ const char* const kBenchFooter =
     "  iclk bench\n"
     "  iclk bench --pairs 1,64 --repetitions 20 --only device --profile\n"
     "  iclk bench --model model.safetensors --size 752x480 --pairs 1,16\n"
-    "  iclk bench --model model.safetensors --size 752x480 --layers\n";
+    "  iclk bench --model model.safetensors --size 752x480 --layers\n"
+    "\n";
 
 void run(BenchCommand& command, int& exit) {
   std::tie(command.bench.width, command.bench.height) = parse_size(command.size, "--size");
@@ -90,7 +92,7 @@ void add_bench(CLI::App& app, int& exit) {
   command->add_option(
       "--device", options->session.device,
       "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
-  command->footer(kBenchFooter);
+  command->footer(kBenchFooter + exit_codes_help("0 done"));
   command->callback([options, &exit] { run(*options, exit); });
 }
 

@@ -1,7 +1,8 @@
 #include "apps/eval/peers/odometry.h"
 
-#include <limits>
+#include <memory>
 #include <utility>
+#include <vector>
 
 #include <fmt/format.h>
 
@@ -10,6 +11,7 @@
 #include "apps/eval/peers/methods.h"
 #include "apps/iclk/common/measure.h"
 #include "apps/iclk/session/pair_input.h"
+#include "apps/iclk/track/run.h"
 
 namespace iclk {
 namespace {
@@ -53,7 +55,8 @@ struct Chain {
 
 }  // namespace
 
-std::vector<TrackPeer> chain_peers(RecordedFrames& frames, const std::function<void(int, int)>& progress) {
+std::string odometry_table(RecordedFrames& frames) {
+  const Progress progress = terminal_progress();
   std::vector<Chain> chains;
   for (auto make : {+[] { return make_rgbd_odometry(); }, +[] { return make_klt_pnp(); }, +[] { return make_sift_pnp(); }})
     chains.emplace_back().method = make();
@@ -77,18 +80,12 @@ std::vector<TrackPeer> chain_peers(RecordedFrames& frames, const std::function<v
     }
     for (Chain& chain : chains) chain.poses.push_back({chain.T_WC, *frames.truth(i)});
     before = std::move(frame);
-    progress(i + 1, frames.size());
+    progress("peers", i + 1, frames.size());
   }
-  std::vector<TrackPeer> peers;
-  for (const Chain& chain : chains)
-    peers.push_back({chain.method->name(), chain.failed, median(chain.ms), track_errors(chain.poses)});
-  return peers;
-}
-
-std::string to_text(const std::vector<TrackPeer>& peers) {
   std::string text = "\nfrom frame to frame, for comparison:\n";
-  for (const TrackPeer& p : peers)
-    text += fmt::format("{:<14} {}; {:.0f} ms a pair, {} without an answer\n", p.method, to_text(p.errors), p.ms, p.failed);
+  for (const Chain& chain : chains)
+    text += fmt::format("{:<14} {}; {:.0f} ms a pair, {} without an answer\n", chain.method->name(),
+                        to_text(track_errors(chain.poses)), median(chain.ms), chain.failed);
   return text;
 }
 

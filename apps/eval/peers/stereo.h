@@ -1,19 +1,10 @@
 #pragma once
-#include <string>
 #include <vector>
 
-#include <opencv2/core.hpp>
-
+#include "apps/iclk/depth/figures.h"
 #include "apps/iclk/depth/input.h"
 
 namespace iclk {
-
-/// What a method of OpenCV made of the reference and the first target.
-struct DepthPeer {
-  std::string name;
-  cv::Mat depth;     ///< of the reference's pixels, CV_32FC1 metres, 0: none
-  double cpu_s = 0;  ///< of compute() alone
-};
 
 /// StereoSGBM (three paths and eight) and, where OpenCV has it, StereoBinarySGBM with the settings of its own samples, on the
 /// rectified pair; rectified by cv::stereoRectify unless the cameras already are. "widened": with borders as wide as the

@@ -116,7 +116,7 @@ void add_align(CLI::App& app, int& exit) {
   command->add_flag("--json", options->json,
                     "The result as JSON (docs/schema/result-1.json) on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the time went, on standard error");
-  command->footer(std::string(kAlignFooter) + kExitCodesHelp);
+  command->footer(kAlignFooter + exit_codes_help(kStatusCodes));
   command->callback([options, &exit] { run_align(*options, exit); });
 }
 

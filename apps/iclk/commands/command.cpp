@@ -6,11 +6,13 @@
 
 namespace iclk {
 
-const char* const kExitCodesHelp =
-    "Exit codes: 0 converged (or done); 10 max_iterations, 11 low_overlap, 12 degenerate, 13 too_few_features, 14 diverged,\n"
-    "15 ambiguous;\n"
-    "2 wrong usage, 3 bad input, 4 a file cannot be read or written, 5 no Vulkan driver or no such device,\n"
-    "6 the device failed, 1 a defect of iclk.";
+const char* const kStatusCodes =
+    "0 converged, 10 max_iterations, 11 low_overlap, 12 degenerate, 13 too_few_features, 14 diverged, 15 ambiguous";
+
+std::string exit_codes_help(const std::string& results, bool device) {
+  return "Exit codes: " + results + ";\n2 wrong usage, 3 bad input, 4 a file cannot be read or written, " +
+         (device ? "5 no Vulkan driver or no such device,\n6 the device failed, " : "") + "1 a defect of iclk.";
+}
 
 int exit_code(Status status) {
   switch (status) {
@@ -37,27 +39,6 @@ int exit_code(ErrorCode code) {
     case ErrorCode::vulkan: return kDeviceFailed;
   }
   return kInternalError;
-}
-
-namespace {
-constexpr size_t kHelpWidth = 112, kHelpIndent = 28;
-}
-
-HelpFormatter::HelpFormatter() { column_width(kHelpIndent); }
-
-std::string HelpFormatter::make_option_desc(const CLI::Option* option) const {
-  std::string out;
-  size_t column = 0;
-  for (const std::string& word : CLI::detail::split(CLI::Formatter::make_option_desc(option), ' ')) {
-    if (column > 0 && column + 1 + word.size() > kHelpWidth - kHelpIndent) {
-      out += '\n';
-      column = 0;
-    }
-    if (column > 0) out += ' ', ++column;
-    out += word;
-    column += word.size();
-  }
-  return out;
 }
 
 void print(std::string_view text) {

@@ -1,6 +1,7 @@
 #pragma once
 #include <string>
 #include <string_view>
+#include <vector>
 
 #include <CLI/CLI.hpp>
 
@@ -8,6 +9,10 @@
 #include <iclk/engine/error.h>
 
 namespace iclk {
+
+class RecordedFrames;
+struct DepthInput;
+struct DepthPeer;
 
 /// What the process tells its caller.
 enum ExitCode : int {
@@ -28,14 +33,11 @@ enum ExitCode : int {
 
 int exit_code(Status status);
 int exit_code(ErrorCode code);
-extern const char* const kExitCodesHelp;
 
-/// Help whose descriptions are wrapped to the terminal's usual width.
-class HelpFormatter : public CLI::Formatter {
- public:
-  HelpFormatter();
-  std::string make_option_desc(const CLI::Option* option) const override;
-};
+/// The end of a help: `results`, the exit codes that the command's own results have, and those of errors.
+std::string exit_codes_help(const std::string& results, bool device = true);
+/// Of a command that ends with the status of a pair.
+extern const char* const kStatusCodes;
 
 /// Writes to standard output and makes sure that it arrived. Throws Error(io).
 void print(std::string_view text);
@@ -46,12 +48,16 @@ void add_align(CLI::App& app, int& exit);
 void add_batch(CLI::App& app, int& exit);
 void add_devices(CLI::App& app, int& exit);
 void add_demo(CLI::App& app, int& exit);
-void add_eval(CLI::App& app, int& exit);
-void add_bench(CLI::App& app, int& exit);
 void add_model(CLI::App& app, int& exit);
 void add_render(CLI::App& app, int& exit);
 void add_stereo(CLI::App& app, int& exit);
 void add_depth(CLI::App& app, int& exit);
 void add_track(CLI::App& app, int& exit);
+
+/// What --peers runs. The subcommands above have none, and leave it to iclk-peers.
+using DepthPeers = std::vector<DepthPeer> (*)(const DepthInput&);
+using TrackPeers = std::string (*)(RecordedFrames&);
+void add_depth(CLI::App& app, int& exit, DepthPeers peers);
+void add_track(CLI::App& app, int& exit, TrackPeers peers);
 
 }  // namespace iclk

@@ -81,7 +81,8 @@ void add_demo(CLI::App& app, int& exit) {
       ->type_name("DIR");
   command->add_option("--count", options->features.count, "Features")->capture_default_str();
   options->run.add_to(*command);
-  command->footer(std::string("Examples:\n  iclk demo\n  iclk demo --solver cpu --count 50 --out demo50\n\n") + kExitCodesHelp);
+  command->footer("Examples:\n  iclk demo\n  iclk demo --solver cpu --count 50 --out demo50\n\n" +
+                  exit_codes_help(kStatusCodes));
   command->callback([options, &exit] { run_demo(*options, exit); });
 }
 

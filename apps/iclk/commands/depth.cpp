@@ -6,8 +6,8 @@
 #include <iclk/session/device.h>
 #include <iclk/session/io/output.h>
 
-#include "apps/eval/peers/stereo.h"
 #include "apps/iclk/commands/command.h"
+#include "apps/iclk/commands/program.h"
 #include "apps/iclk/common/measure.h"
 #include "apps/iclk/common/not_empty.h"
 #include "apps/iclk/depth/figures.h"
@@ -56,7 +56,8 @@ nlohmann::ordered_json to_json(const DepthFigures& f) {
           {"known", f.known}};
 }
 
-void run_depth(const DepthCommand& command, int& exit) {
+void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
+  if (command.peers && !peers) throw NeedsProgram{"peers"};
   command.options.check();
   if (!command.out.empty()) make_output_folder(command.out);
   const DepthInput input = load_depth_input(command.files);
@@ -111,7 +112,7 @@ void run_depth(const DepthCommand& command, int& exit) {
   }
   if (command.peers) {
     json["peers"] = nlohmann::ordered_json::array();
-    for (DepthPeer& peer : depth_peers(input)) {
+    for (DepthPeer& peer : peers(input)) {
       if (command.fill) fill_depth(peer.depth);
       nlohmann::ordered_json entry = {{"name", peer.name}, {"cpu_seconds", peer.cpu_s}};
       text += fmt::format("{:<18} {:.2f} CPU-s", peer.name, peer.cpu_s);
@@ -137,7 +138,9 @@ void run_depth(const DepthCommand& command, int& exit) {
 
 }  // namespace
 
-void add_depth(CLI::App& app, int& exit) {
+void add_depth(CLI::App& app, int& exit) { add_depth(app, exit, nullptr); }
+
+void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
   CLI::App* command = app.add_subcommand("depth", "A dense depth map of an image from others whose poses are known");
   auto options = std::make_shared<DepthCommand>();
   DepthFiles& files = options->files;
@@ -209,8 +212,8 @@ void add_depth(CLI::App& app, int& exit) {
   command->add_flag("--peers", options->peers, "Run OpenCV's stereo methods on the same pair, rectified");
   command->add_flag("--json", options->json, "The summary as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the device's time went, on standard error");
-  command->footer(std::string(kDepthFooter) + kExitCodesHelp);
-  command->callback([options, &exit] { run_depth(*options, exit); });
+  command->footer(kDepthFooter + exit_codes_help("0 converged, 11 low_overlap, 12 degenerate, 14 diverged"));
+  command->callback([options, peers, &exit] { run_depth(*options, peers, exit); });
 }
 
 }  // namespace iclk

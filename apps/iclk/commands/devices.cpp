@@ -109,7 +109,9 @@ void add_devices(CLI::App& app, int& exit) {
       "  iclk devices --json\n"
       "  iclk demo --device 0\n"
       "  iclk devices --tune --model sd6dof-small --size 320x240\n"
-      "  iclk devices --tune --device 0 --model model.safetensors --size 160x120 --size 96x72");
+      "  iclk devices --tune --device 0 --model model.safetensors --size 160x120 --size 96x72\n"
+      "\n" +
+      exit_codes_help("0 done"));
   command->callback([options, &exit] {
     options->tune ? tune(*options) : list(*options);
     exit = kConverged;

@@ -38,7 +38,7 @@ void add_model(CLI::App& app, int& exit) {
       "  iclk model info model.safetensors\n"
       "  iclk model info model.safetensors --size 1280x720 --json\n"
       "\n";
-  info->footer(footer + kExitCodesHelp);
+  info->footer(footer + exit_codes_help("0 done", false));
   command->footer("Examples:\n  iclk model info model.safetensors\n");
   info->callback([options, &exit] {
     const auto [width, height] = parse_size(options->size, "--size");

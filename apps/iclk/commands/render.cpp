@@ -165,7 +165,7 @@ void add_render(CLI::App& app, int& exit) {
   sub->add_option("--device", o->device, "Index, part of a name or UUID; default ICLK_DEVICE, else the best");
   // The second camera of a rig is where the rig has it, and pairs of a rig carry no features.
   for (CLI::Option* option : {translation, rotation, orbit, start, count, border, detector, target}) rig->excludes(option);
-  sub->footer(std::string(kRenderFooter) + kExitCodesHelp);
+  sub->footer(kRenderFooter + exit_codes_help("0 done"));
   sub->callback([o, &exit] {
     run_render(*o);
     exit = kConverged;

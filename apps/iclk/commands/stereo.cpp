@@ -121,7 +121,7 @@ void add_stereo(CLI::App& app, int& exit) {
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->option_defaults()->group("Output");
   command->add_option("--out", run_options.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
-  command->footer(std::string(kStereoFooter) + kExitCodesHelp);
+  command->footer(kStereoFooter + exit_codes_help("0 done, 14 the pairs give no rig"));
   command->callback([options, &exit] { run(*options, exit); });
 }
 

@@ -6,9 +6,9 @@
 #include <iclk/session/io/distortion.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/eval/peers/odometry.h"
 #include "apps/iclk/batch/progress.h"
 #include "apps/iclk/commands/command.h"
+#include "apps/iclk/commands/program.h"
 #include "apps/iclk/common/measure.h"
 #include "apps/iclk/common/not_empty.h"
 #include "apps/iclk/session/run_pairs.h"
@@ -52,7 +52,8 @@ const char* const kTrackFooter =
     "moves: of one that only turns, no depth can be found, and the frames are said to be lost.\n"
     "\n";
 
-void run_track(const TrackCommand& command, int& exit) {
+void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
+  if (command.peers && !peers) throw NeedsProgram{"peers"};
   TrackRunOptions options = command.run;
   if (!command.camera.empty()) options.frames.camera = load_camera(command.camera);
   if (!command.distortion.empty()) options.frames.distortion = parse_distortion(command.distortion);
@@ -100,14 +101,14 @@ void run_track(const TrackCommand& command, int& exit) {
   if (!command.peers) return;
   if (!report.live)
     throw Error(ErrorCode::invalid_argument, "--peers needs a truth: groundtruth.txt in " + options.frames.folder);
-  const Progress peers_progress = terminal_progress();
-  const auto peers = chain_peers(frames, [&](int done, int total) { peers_progress("peers", done, total); });
-  print(to_text(peers));
+  print(peers(frames));
 }
 
 }  // namespace
 
-void add_track(CLI::App& app, int& exit) {
+void add_track(CLI::App& app, int& exit) { add_track(app, exit, nullptr); }
+
+void add_track(CLI::App& app, int& exit, TrackPeers peers) {
   CLI::App* command = app.add_subcommand("track", "Follow a camera with depth through a recording: trajectory and sparse map");
   auto options = std::make_shared<TrackCommand>();
   TrackRunOptions& run = options->run;
@@ -182,8 +183,8 @@ void add_track(CLI::App& app, int& exit) {
   command->add_option("--out", run.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
   command->add_flag("--fresh", run.fresh, "Begin anew where a run was stopped, instead of going on");
   command->add_flag("--peers", options->peers, "Other methods from frame to frame, beside the truth");
-  command->footer(std::string(kTrackFooter) + kExitCodesHelp);
-  command->callback([options, &exit] { run_track(*options, exit); });
+  command->footer(kTrackFooter + exit_codes_help("0 done, 14 nothing was tracked"));
+  command->callback([options, peers, &exit] { run_track(*options, peers, exit); });
 }
 
 }  // namespace iclk

@@ -9,6 +9,13 @@
 
 namespace iclk {
 
+/// What another method made of the reference and the first target.
+struct DepthPeer {
+  std::string name;
+  cv::Mat depth;     ///< of the reference's pixels, CV_32FC1 metres, 0: none
+  double cpu_s = 0;  ///< of computing it alone
+};
+
 /// A depth map beside its truth, over the pixels whose depth is known (CV_32FC1 metres, 0: none).
 struct DepthFigures {
   int known = 0;                ///< pixels with truth

@@ -1,0 +1,12 @@
+#pragma once
+
+namespace CLI {
+class App;
+}
+
+namespace iclk {
+
+void add_bench(CLI::App& app, int& exit);
+void add_eval(CLI::App& app, int& exit);
+
+}  // namespace iclk

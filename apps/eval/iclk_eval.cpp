@@ -1,0 +1,9 @@
+// `iclk eval`.
+#include "apps/eval/commands.h"
+#include "apps/iclk/commands/program.h"
+
+int main(int argc, char** argv) {
+  std::vector<std::string> arguments(argv, argv + argc);
+  arguments.front() = "eval";
+  return iclk::run_program({iclk::add_eval}, arguments);
+}
