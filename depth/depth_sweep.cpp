@@ -9,6 +9,7 @@
 
 #include <iclk/depth/internal/buffers.h>
 #include <iclk/depth/internal/speckles.h>
+#include <iclk/depth/internal/stages.h>
 #include <iclk/depth/internal/verdict.h>
 #include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/error.h>
@@ -326,12 +327,18 @@ const DepthPlan& DepthSweep::plan() const { return impl_->plan; }
 int DepthSweep::strips() const { return impl_->strips.count(impl_->plan); }
 const std::vector<engine::StageTime>& DepthSweep::times() const { return impl_->timer.times(); }
 
-std::vector<uint8_t> DepthSweep::volume() const { return impl_->read<uint8_t>(impl_->ids.costs, impl_->volume_bytes()); }
-std::vector<uint8_t> DepthSweep::path(int index) const {
-  return impl_->read<uint8_t>(impl_->ids.paths[index], impl_->volume_bytes());
+namespace internal {
+
+std::vector<uint8_t> DepthStages::volume(const DepthSweep& sweep) {
+  return sweep.impl_->read<uint8_t>(sweep.impl_->ids.costs, sweep.impl_->volume_bytes());
 }
-std::vector<uint32_t> DepthSweep::census() const {
-  return impl_->read<uint32_t>(impl_->ids.census, 4 * impl_->area() * (static_cast<size_t>(impl_->plan.views) + 1));
+std::vector<uint8_t> DepthStages::path(const DepthSweep& sweep, int index) {
+  return sweep.impl_->read<uint8_t>(sweep.impl_->ids.paths[index], sweep.impl_->volume_bytes());
+}
+std::vector<uint32_t> DepthStages::census(const DepthSweep& sweep) {
+  const DepthSweep::Impl& impl = *sweep.impl_;
+  return impl.read<uint32_t>(impl.ids.census, 4 * impl.area() * (static_cast<size_t>(impl.plan.views) + 1));
 }
 
+}  // namespace internal
 }  // namespace iclk

@@ -17,6 +17,9 @@
 #include <iclk/engine/timing.h>
 
 namespace iclk {
+namespace internal {
+struct DepthStages;
+}
 
 /// An image beside the reference.
 struct DepthSource {
@@ -76,13 +79,8 @@ class DepthSweep {
   /// Device time by stage, summed over the calls.
   const std::vector<engine::StageTime>& times() const;
 
-  /// What the stages left of the last compute(), for tests: costs or the sums of a path (a byte a plane, of the last
-  /// strip), signatures of the census (reference first).
-  std::vector<uint8_t> volume() const;
-  std::vector<uint8_t> path(int index) const;
-  std::vector<uint32_t> census() const;
-
  private:
+  friend struct internal::DepthStages;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

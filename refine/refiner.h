@@ -7,16 +7,21 @@
 #include <vector>
 
 #include <iclk/align/aligner.h>
-#include <iclk/refine/feature_aligner.h>
-#include <iclk/refine/structure.h>
+#include <iclk/refine/feature_alignment.h>
+#include <iclk/refine/pose.h>
+#include <iclk/refine/recolouring.h>
 
 namespace iclk {
+namespace internal {
+class FeatureAligner;
+struct Candidate;
+}  // namespace internal
 
 struct RefinerOptions {
   FeatureAlignmentOptions feature_alignment;
   PoseOptions pose;
   bool structure = false;         ///< refine pose and inverse depths together at the end
-  double relative_sigma = 0.02;   ///< of inverse depths without a sigma; StructureOptions::relative_sigma
+  double relative_sigma = 0.02;   ///< of inverse depths without a sigma, where `structure` refines them
   int rounds = 3;                 ///< of feature alignment and pose, at most
   double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
 
@@ -114,8 +119,8 @@ class Refiner {
  public:
   /// `aligner` must outlive the refiner. Throws Error(invalid_argument) for bad options.
   explicit Refiner(Aligner& aligner, const RefinerOptions& options = {});
-  /// The same with a feature aligner of the caller's.
-  Refiner(Aligner& aligner, std::unique_ptr<FeatureAligner> feature_aligner, const RefinerOptions& options = {});
+  /// The same with a feature aligner of the caller's, for tests.
+  Refiner(Aligner& aligner, std::unique_ptr<internal::FeatureAligner> feature_aligner, const RefinerOptions& options = {});
   ~Refiner();
 
   /// Aligner::warm_up(), and the same for feature alignment.
@@ -126,21 +131,12 @@ class Refiner {
   RefinedAlignment align(const Pair& pair) { return std::move(align(std::span(&pair, 1)).front()); }
 
  private:
-  /// A pose on its way through the rounds.
-  struct Candidate {
-    size_t pair = 0;  ///< of the batch
-    RefinedAlignment* result = nullptr;
-    SE3 T_10;  ///< warps the next round
-    PoseResult pose;
-    int least = 0;  ///< inliers; with fewer there is no further round
-  };
   void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
-  void run_rounds(std::span<const Pair> pairs, std::span<Candidate> candidates);
-  void conclude(const Pair& pair, Candidate& candidate) const;
-  void question(std::span<const Pair> pairs, std::span<const Candidate> all);
+  void conclude(std::span<const Pair> pairs, internal::Candidate& candidate) const;
+  void question(std::span<const Pair> pairs, std::span<const internal::Candidate> candidates);
 
   Aligner& aligner_;
-  std::unique_ptr<FeatureAligner> feature_aligner_;
+  std::unique_ptr<internal::FeatureAligner> feature_aligner_;
   RefinerOptions options_;
 };
 

@@ -12,7 +12,7 @@
 #include <iclk/align/common/options_check.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/reprojection.h>
-#include <iclk/rig/common_pose.h>
+#include <iclk/rig/internal/common_pose.h>
 #include <iclk/rig/internal/costs.h>
 
 namespace iclk {
@@ -83,11 +83,11 @@ FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const Flex
   const double omega = 2 * std::numbers::pi * options.frequency;
   sigma.tail<6>() = omega * sigma.head<6>();
   // The mean counts every moment alike: what a pair knows of its moment says nothing of the others.
-  std::vector<PoseVote> votes;
+  std::vector<internal::PoseVote> votes;
   for (const FlexMeasurement& m : measurements)
     if (m.valid) votes.push_back({m.T_rl, Matrix6d(sigma.head<6>().cwiseAbs2().asDiagonal()) + m.covariance, 0, 0});
   if (votes.empty()) return result;
-  result.mean = common_pose(votes);
+  result.mean = internal::common_pose(votes);
 
   // An oscillation of deviation s has accelerations of deviation s omega^2, alike for about a quarter of its period.
   const Vector6d density = (omega * omega * sigma.head<6>()).cwiseAbs2() / (4 * options.frequency);

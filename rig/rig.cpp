@@ -10,7 +10,7 @@
 
 #include <iclk/align/common/options_check.h>
 #include <iclk/engine/error.h>
-#include <iclk/rig/common_pose.h>
+#include <iclk/rig/internal/common_pose.h>
 
 namespace iclk {
 namespace {
@@ -55,7 +55,7 @@ std::vector<RigSighting> sightings_of(int pair, const Features& features, const 
 
 /// A pair's own pose, or ICLK's where the features do not confirm it. What a vote can be worth is bounded by `floor`: errors of
 /// a scene and of depths are not in its covariance.
-bool vote_of(const RefinedAlignment& r, const Matrix6d& floor, PoseVote& vote) {
+bool vote_of(const RefinedAlignment& r, const Matrix6d& floor, internal::PoseVote& vote) {
   vote.T = r.T_10;
   if (usable(r.status) && r.covariance.diagonal().minCoeff() > 0)
     vote.covariance = r.covariance + floor;
@@ -171,7 +171,7 @@ RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const R
   std::vector<RefinedAlignment> aligned;
   for (int round = 0; round < options.rounds; ++round) {
     aligned = align_pairs(aligner, camera, pairs, common, options.refiner, options.search && round == 0);
-    std::vector<PoseVote> votes;
+    std::vector<internal::PoseVote> votes;
     std::vector<size_t> of;
     for (size_t i = 0; i < pairs.size(); ++i) {
       RigPairReport& report = result.pairs[i];
@@ -180,7 +180,7 @@ RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const R
       report.status = aligned[i].status;
       report.reason = aligned[i].reason;
       report.used = false;
-      PoseVote vote;
+      internal::PoseVote vote;
       if (!vote_of(aligned[i], floor, vote)) continue;
       votes.push_back(vote);
       of.push_back(i);
@@ -189,7 +189,7 @@ RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const R
       result.reason = failure(result.pairs);
       return result;
     }
-    common = common_pose(votes);
+    common = internal::common_pose(votes);
     for (size_t k = 0; k < votes.size(); ++k) {
       RigPairReport& report = result.pairs[of[k]];
       report.distance = votes[k].distance;

@@ -7,6 +7,7 @@
 
 #include <Eigen/LU>
 
+#include <iclk/refine/internal/align_feature.h>
 #include <iclk/shaders/shared.h>
 
 namespace iclk {
@@ -43,9 +44,10 @@ bool sample(const Map& map, const Eigen::Vector2d& c, const Eigen::Matrix2d& A_i
 std::optional<AlignedFeature> search_epipolar(const Pyramid& f0, const Pyramid& f1, const Camera& camera,
                                               const Eigen::Vector2d& uv0, double low, double high, const SE3& T_10,
                                               const EpipolarSearchOptions& options, const FeatureAlignmentOptions& alignment) {
-  const PatchWarp near = warp_patch(camera, uv0, high, T_10), far = warp_patch(camera, uv0, low, T_10);
+  const internal::PatchWarp near = internal::warp_patch(camera, uv0, high, T_10),
+                            far = internal::warp_patch(camera, uv0, low, T_10);
   const double middle_q = (low + high) / 2;
-  const PatchWarp middle = warp_patch(camera, uv0, middle_q, T_10);
+  const internal::PatchWarp middle = internal::warp_patch(camera, uv0, middle_q, T_10);
   if (!near.valid || !far.valid || !middle.valid) return {};
   const Eigen::Vector2d line = near.uv1 - far.uv1;
   const int steps = static_cast<int>(std::ceil(line.norm() / options.step));
@@ -75,7 +77,7 @@ std::optional<AlignedFeature> search_epipolar(const Pyramid& f0, const Pyramid& 
     const Eigen::Vector2d slope(t.x() - ray1.x() * t.z(), t.y() - ray1.y() * t.z());
     q = std::clamp(-rest.dot(slope) / slope.squaredNorm(), low, high);
   }
-  AlignedFeature found = align_feature(f0, f1, camera, uv0, q, T_10, alignment);
+  AlignedFeature found = internal::align_feature(f0, f1, camera, uv0, q, T_10, alignment);
   if (found.status != FeatureStatus::aligned || found.correlation < options.min_correlation) return {};
   return found;
 }

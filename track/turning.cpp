@@ -32,21 +32,21 @@ std::optional<Eigen::Vector3d> Tracker::Impl::step_rate(double time, const SE3& 
   return Eigen::Vector3d((last->T_WC.inverse() * T_WC).log().tail<3>() / seconds);
 }
 
-std::optional<TurnEstimate> Tracker::Impl::seen_turn(const Found& found, const Eigen::Vector3d& turn_0) const {
+std::optional<internal::TurnEstimate> Tracker::Impl::seen_turn(const Found& found, const Eigen::Vector3d& turn_0) const {
   const Keyframe& k = keyframes.all().at(found.keyframe);
   const RefinedAlignment& a = found.alignment;
   const std::vector<double>& sigma = k.features.inverse_depth_sigma;
-  std::vector<RollingSighting> sightings;
+  std::vector<internal::RollingSighting> sightings;
   for (size_t i = 0; i < a.features.size(); ++i)
     if (a.features[i].status == FeatureStatus::aligned)
       sightings.push_back({k.features.uv[i], a.features[i].uv1, k.features.inverse_depth[i], i < sigma.size() ? sigma[i] : 0});
-  return estimate_turn(camera, rows, a.T_10, turn_0, sightings, std::max(a.sigma, kLeastSigma), kTurnSigma);
+  return internal::estimate_turn(camera, rows, a.T_10, turn_0, sightings, std::max(a.sigma, kLeastSigma), kTurnSigma);
 }
 
 /// A turn is seen in relation to the keyframe's. Without the step, turns that are a little wrong would add up from one keyframe
 /// to the next.
 TurnRate Tracker::Impl::rate_at(double time, const SE3& T_WC, const Found& found,
-                                const std::optional<TurnEstimate>& seen) const {
+                                const std::optional<internal::TurnEstimate>& seen) const {
   const auto step = step_rate(time, T_WC);
   const TurnRate by_step{step.value_or(Eigen::Vector3d::Zero()), step ? rate_changes.sigma() : RateChanges().sigma()};
   if (!seen) return by_step;

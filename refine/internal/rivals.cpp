@@ -6,6 +6,7 @@
 #include <string>
 
 #include <iclk/align/search/matching.h>
+#include <iclk/refine/internal/align_feature.h>
 #include <iclk/refine/internal/reprojection.h>
 #include <iclk/shaders/refine/refine.h>
 

@@ -1,6 +1,6 @@
 #version 460
-// What aligned patches say of the target's colours, for the grey values that fit the reference's (refine/recolour.h).
-// refine/feature_alignment.cpp has the same in double precision: colour_sums().
+// What aligned patches say of the target's colours, for the grey values that fit the reference's (refine/internal/recolour.h).
+// refine/internal/align_feature.cpp has the same in double precision: colour_sums().
 // Inputs: as feature_alignment.comp, what it has found, and the targets' raw pixels. Output: one ColourInfo a feature, zero
 // unless it is aligned and its task asks.
 // Groups: (features, tasks). Branches are uniform in a group.

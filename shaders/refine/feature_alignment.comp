@@ -1,5 +1,5 @@
 #version 460
-// Feature alignment: one feature a workgroup, one row of its 8x8 patch an invocation. refine/feature_alignment.cpp is the
+// Feature alignment: one feature a workgroup, one row of its 8x8 patch an invocation. refine/internal/align_feature.cpp is the
 // same, function by function, in double precision.
 // Inputs: grey maps, tasks, features (inverse depth 0: takes no part). Output: one AlignedInfo a feature.
 // Groups: (features, tasks).
@@ -174,7 +174,7 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
     f.status = BAD_MATCH;
     return f;
   }
-  // See align_level in refine/feature_alignment.cpp: what interpolation took from the residual's variance.
+  // See align_level in refine/internal/align_feature.cpp: what interpolation took from the residual's variance.
   float smoothing = (1.0 + g2) / (interpolation_noise(f.uv1 - CENTRE) + g2 * t.noise);
   f.covariance = smoothing * vec3(photometric[0].x, photometric[0].y, photometric[1].y);
   return f;

@@ -8,7 +8,7 @@ namespace iclk::shaders {
 using uint = uint32_t;
 #endif
 
-// The turn of a pair's target while its rows were read (refine/rolling_shutter.h): Cauchy's scale, sigmas of a position, px.
+// The turn of a pair's target while its rows were read (refine/internal/turn.h): Cauchy's scale, sigmas of a position, px.
 #define ICLK_TURN_CAUCHY 2.5
 #define ICLK_TURN_FIRST_SIGMA 1.0
 #define ICLK_TURN_LEAST_SIGMA 0.1
@@ -53,7 +53,7 @@ struct AlignedInfo {
   uint status;  // iclk::FeatureStatus
 };
 
-// ColourSums of refine/recolour.h, CC as (RR, GG, BB, RG, RB, GB).
+// ColourSums of refine/internal/recolour.h, CC as (RR, GG, BB, RG, RB, GB).
 struct ColourInfo {
   float TT, TC[3], CC[6];
 };
@@ -107,7 +107,7 @@ struct RefineState {
   uint has_consensus;
 };
 
-// What the features say of the target's turn while its rows were read: TurnEstimate of refine/rolling_shutter.h.
+// What the features say of the target's turn while its rows were read: TurnEstimate of refine/internal/turn.h.
 struct TurnInfo {
   float turn[3];         // rad; zero: none is proven
   float pose_share[36];  // what its uncertainty adds to the covariance of the pose, in the unit of RefinePair

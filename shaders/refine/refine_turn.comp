@@ -1,5 +1,5 @@
 #version 460
-// After the last round: the turn of the target while its rows were read, pair_turn() of refine/rolling_shutter.h in single
+// After the last round: the turn of the target while its rows were read, pair_turn() of refine/internal/turn.h in single
 // precision. A pair that is proven to have turned gets one pose more, of the positions as unrolled() has them; the verdict
 // takes it if no feature is lost by it.
 // Inputs: features, where they were found, states. Outputs: turns, the tasks of that pose: none for a pair that is straight.

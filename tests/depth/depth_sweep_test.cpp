@@ -8,6 +8,7 @@
 #include <Eigen/LU>
 
 #include <iclk/depth/depth_sweep.h>
+#include <iclk/depth/internal/stages.h>
 #include <iclk/engine/error.h>
 
 #include "device.h"
@@ -81,15 +82,16 @@ TEST(DepthSweep, ShadersEqualTheirTwins) {
   const DepthSource source{view(b), kCamera, moved(kLeft)};
   sweep.compute(view(a), kCamera, std::span(&source, 1), kRange);
 
-  const auto census_a = census_of(a), census_b = census_of(b), census = sweep.census();
+  const auto census_a = census_of(a), census_b = census_of(b), census = internal::DepthStages::census(sweep);
   ASSERT_EQ(census.size(), census_a.size() * 2);
   EXPECT_TRUE(std::equal(census_a.begin(), census_a.end(), census.begin()));
   EXPECT_TRUE(std::equal(census_b.begin(), census_b.end(), census.begin() + static_cast<std::ptrdiff_t>(census_a.size())));
-  const auto volume = sweep.volume();
+  const auto volume = internal::DepthStages::volume(sweep);
   EXPECT_EQ(volume, costs_of(census_a, census_b, kWidth, kHeight, kPlanes));
   const int ways[8][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
   for (int i = 0; i < 8; ++i)
-    EXPECT_EQ(sweep.path(i), path_of(volume, a, kPlanes, ways[i][0], ways[i][1], options)) << "path " << i;
+    EXPECT_EQ(internal::DepthStages::path(sweep, i),
+              path_of(volume, a, kPlanes, ways[i][0], ways[i][1], options)) << "path " << i;
 }
 
 TEST(DepthSweep, PlanesOfKnownInverseDepth) {

@@ -105,7 +105,7 @@ struct Prepared {
       : work(w),
         context(engine::create_context(context_options)),
         aligner(context, work.plan, work.options, work.solver, work.model),
-        refiner(aligner, make_feature_aligner(aligner)) {
+        refiner(aligner) {
     aligner.enable_timing(true);
     aligner.set_reference(0, work.reference());
   }

@@ -5,7 +5,7 @@
 #include <iclk/align/features.h>
 #include <iclk/align/se3.h>
 #include <iclk/refine/feature_alignment.h>
-#include <iclk/refine/rolling_shutter.h>
+#include <iclk/refine/internal/turn.h>
 
 namespace iclk::test {
 

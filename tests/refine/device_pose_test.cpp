@@ -238,7 +238,7 @@ TEST(DevicePose, TakesOutABendThatIsProven) {
     SCOPED_TRACE(i);
     const Case& c = cases[i];
     const PoseResult bent = refine_pose(c.camera, c.features, c.aligned, c.T_10);
-    const auto found = pair_turn(c.camera, c.features, c.aligned, bent.T_10);
+    const auto found = internal::pair_turn(c.camera, c.features, c.aligned, bent.T_10);
     ASSERT_TRUE(found);
     ASSERT_EQ(found->proven(c.camera), i < 3);
     const Eigen::Vector3d turn(outcomes[i].info.turn[0], outcomes[i].info.turn[1], outcomes[i].info.turn[2]);
@@ -259,7 +259,7 @@ TEST(DevicePose, TakesOutABendThatIsProven) {
     }
     EXPECT_LT((turn - found->turn).norm(), 2e-5);
     std::vector<AlignedFeature> straight = c.aligned;
-    for (AlignedFeature& f : straight) f.uv1 = unrolled(c.camera, found->turn, f.uv1);
+    for (AlignedFeature& f : straight) f.uv1 = internal::unrolled(c.camera, found->turn, f.uv1);
     const PoseResult expected = refine_pose(c.camera, c.features, straight, found->T_10);
     EXPECT_LT(motion(c, outcomes[i].T_10, expected.T_10), 5e-3);
     EXPECT_NEAR(outcomes[i].info.inliers, expected.inliers, 1);

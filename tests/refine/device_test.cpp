@@ -4,9 +4,10 @@
 #include <memory>
 
 #include <gtest/gtest.h>
-#include <iclk/align/device_aligner.h>
 #include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
+#include <iclk/refine/internal/feature_aligner.h>
 #include <iclk/refine/refiner.h>
 
 #include "../support/synthetic.h"
@@ -15,6 +16,8 @@
 namespace iclk {
 namespace {
 
+using internal::FeatureAlignmentTask;
+using internal::make_feature_aligner;
 using test::Picture;
 using test::Scene;
 
@@ -123,9 +126,9 @@ TEST(RefineDevice, ShaderAgreesWithTheCpuReference) {
     const auto device = make_feature_aligner(*both.device)->align(tasks);
     ASSERT_EQ(cpu.size(), 3u);
     ASSERT_EQ(device.size(), 3u);
-    for (size_t i = 0; i < 3; ++i) expect_alike(cpu[i], device[i]);
+    for (size_t i = 0; i < 3; ++i) expect_alike(cpu[i].features, device[i].features);
     if (px == 0) {
-      EXPECT_GT(count_aligned(device[0]), 120);
+      EXPECT_GT(count_aligned(device[0].features), 120);
     }
   }
 }
@@ -139,8 +142,8 @@ TEST(RefineDevice, ColourPlansAgreeWithTheCpuReference) {
   const auto cpu = make_feature_aligner(*both.cpu)->align(tasks);
   const auto device = make_feature_aligner(*both.device)->align(tasks);
   for (size_t i = 0; i < scenes.size(); ++i) {
-    expect_alike(cpu[i], device[i]);
-    EXPECT_GT(count_aligned(device[i]), 60);
+    expect_alike(cpu[i].features, device[i].features);
+    EXPECT_GT(count_aligned(device[i].features), 60);
   }
 }
 
@@ -153,7 +156,7 @@ TEST(RefineDevice, SmallImagesOddSizesAndOneLevel) {
     for (double px : {0.0, 3.0}) {
       const auto tasks = both.tasks(px);
       const auto device = make_feature_aligner(*both.device)->align(tasks);
-      expect_alike(make_feature_aligner(*both.cpu)->align(tasks)[0], device[0]);
+      expect_alike(make_feature_aligner(*both.cpu)->align(tasks)[0].features, device[0].features);
     }
   }
 }
@@ -163,7 +166,7 @@ TEST(RefineDevice, TheSameInputGivesTheSameBits) {
   const Scene scene = scene_of(376, 240, 0.03);
   Both both({scene}, 4, test::random_features(scene, 60, 4));
   const auto aligner = make_feature_aligner(*both.device);
-  const auto a = aligner->align(both.tasks(2))[0], b = aligner->align(both.tasks(2))[0];
+  const auto a = aligner->align(both.tasks(2))[0].features, b = aligner->align(both.tasks(2))[0].features;
   for (size_t i = 0; i < a.size(); ++i) {
     EXPECT_EQ(a[i].uv1, b[i].uv1);
     EXPECT_EQ(a[i].covariance, b[i].covariance);
@@ -181,8 +184,8 @@ TEST(RefineDevice, MoreTasksThanTheBuffersHold) {
   const auto all = aligner->align(tasks);
   ASSERT_EQ(all.size(), 5u);
   for (size_t i = 0; i < tasks.size(); ++i) {
-    const auto one = aligner->align(std::span(&tasks[i], 1))[0];
-    for (size_t k = 0; k < one.size(); ++k) EXPECT_EQ(all[i][k].uv1, one[k].uv1);
+    const auto one = aligner->align(std::span(&tasks[i], 1))[0].features;
+    for (size_t k = 0; k < one.size(); ++k) EXPECT_EQ(all[i].features[k].uv1, one[k].uv1);
   }
   EXPECT_TRUE(aligner->align({}).empty());
   for (const FeatureAlignmentTask& task :
@@ -195,7 +198,7 @@ TEST(RefineDevice, NaNPixelsAndPosesAlignNothing) {
   const Scene scene = scene_of(188, 120, 0.03);
   Both both({scene}, 3, test::random_features(scene, 30, 4));
   const auto expect_none = [&](const FeatureAlignmentTask& task) {
-    const auto features = make_feature_aligner(*both.device)->align(std::span(&task, 1))[0];
+    const auto features = make_feature_aligner(*both.device)->align(std::span(&task, 1))[0].features;
     EXPECT_EQ(count_aligned(features), 0);
     for (const AlignedFeature& f : features)
       EXPECT_TRUE(f.uv1.allFinite() && f.covariance.allFinite() && std::isfinite(f.gain) && std::isfinite(f.correlation));
@@ -221,7 +224,7 @@ TEST(RefineDevice, RefinerFindsTheSamePoseOnEverySolver) {
   host.set_reference(1, reference);
   RefinerOptions options;
   options.structure = true;
-  const auto cpu = Refiner(*both.cpu).align(both.pairs());
+  const auto cpu = Refiner(*both.cpu, options).align(both.pairs());
   for (DeviceAligner* aligner : {both.device.get(), &host}) {
     const auto device = Refiner(*aligner, options).align(both.pairs());
     for (size_t i = 0; i < cpu.size(); ++i) {

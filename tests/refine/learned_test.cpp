@@ -2,11 +2,11 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
+#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device_aligner.h>
-#include <iclk/align/device_recording.h>
-#include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/engine/submission.h>
+#include <iclk/refine/internal/feature_aligner.h>
 #include <iclk/refine/refiner.h>
 
 #include "../align/learned_golden.h"
@@ -16,6 +16,8 @@
 namespace iclk {
 namespace {
 
+using internal::FeatureAligner;
+using internal::FeatureAlignmentTask;
 using test::Scene;
 
 constexpr int kLevels = 4;
@@ -88,7 +90,7 @@ struct Both {
     options.levels = levels;
     for (const bool learned : {false, true}) {
       aligners[learned] = make(solver, plan, options, learned ? golden_model() : nullptr);
-      features[learned] = make_feature_aligner(*aligners[learned]);
+      features[learned] = internal::make_feature_aligner(*aligners[learned]);
     }
   }
   void set_reference(int slot, const Scene& scene) {
@@ -114,8 +116,8 @@ struct Both {
     ASSERT_EQ(learned.size(), tasks.size());
     for (size_t i = 0; i < tasks.size(); ++i) {
       SCOPED_TRACE(testing::Message() << "task " << i);
-      expect_same(learned[i], classical[i]);
-      EXPECT_EQ(count_aligned(learned[i]) > 25, seen) << summary(learned[i]);
+      expect_same(learned[i].features, classical[i].features);
+      EXPECT_EQ(count_aligned(learned[i].features) > 25, seen) << summary(learned[i].features);
     }
   }
 };

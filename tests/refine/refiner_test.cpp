@@ -6,6 +6,7 @@
 #include <gtest/gtest.h>
 #include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/engine/error.h>
+#include <iclk/refine/internal/feature_aligner.h>
 #include <iclk/refine/internal/verdict.h>
 #include <iclk/refine/refiner.h>
 #include <Eigen/Cholesky>
@@ -56,19 +57,19 @@ class Overconfident final : public Aligner {
 };
 
 /// Finds no feature, as on grey values that have nothing in common.
-class Blind final : public FeatureAligner {
+class Blind final : public internal::FeatureAligner {
  public:
-  explicit Blind(std::unique_ptr<FeatureAligner> eyes) : eyes_(std::move(eyes)) {}
-  std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) override {
+  explicit Blind(std::unique_ptr<internal::FeatureAligner> eyes) : eyes_(std::move(eyes)) {}
+  std::vector<internal::AlignedFeatures> align(std::span<const internal::FeatureAlignmentTask> tasks) override {
     auto found = eyes_->align(tasks);
-    for (auto& features : found)
-      for (AlignedFeature& f : features) f.status = FeatureStatus::diverged;
+    for (internal::AlignedFeatures& aligned : found)
+      for (AlignedFeature& f : aligned.features) f.status = FeatureStatus::diverged;
     return found;
   }
   int pairs_per_batch() const override { return eyes_->pairs_per_batch(); }
 
  private:
-  std::unique_ptr<FeatureAligner> eyes_;
+  std::unique_ptr<internal::FeatureAligner> eyes_;
 };
 
 struct Fixture : ::testing::Test {
@@ -100,7 +101,7 @@ struct Fixture : ::testing::Test {
   }
   RefinedAlignment claim(const SE3& T_10, const RefinerOptions& options = {}) {
     Overconfident overconfident(*aligner, T_10);
-    Refiner refiner(overconfident, make_feature_aligner(*aligner, options.feature_alignment), options);
+    Refiner refiner(overconfident, internal::make_feature_aligner(*aligner, options.feature_alignment), options);
     return refiner.align(pair());
   }
   /// Mean distance of the projected features from the truth, px.
@@ -230,7 +231,7 @@ TEST(Verdict, FeaturesThatAlignAndDisagreeSpeakAgainstAPose) {
 TEST_F(Refine, WhereNoFeatureIsFoundIclkStandsIfAsked) {
   RefinerOptions options;
   const auto refined = [&] {
-    return Refiner(*aligner, std::make_unique<Blind>(make_feature_aligner(*aligner)), options).align(pair());
+    return Refiner(*aligner, std::make_unique<Blind>(internal::make_cpu_feature_aligner(*aligner)), options).align(pair());
   };
   EXPECT_EQ(refined().status, Status::diverged) << "the features do not confirm anything";
   options.keep_unconfirmed = true;
@@ -310,9 +311,9 @@ TEST_F(Refine, BadOptionsAndForeignAlignersAreRefused) {
   EXPECT_THROW(Refiner(*aligner, options), Error);
   Overconfident foreign(*aligner, scene.T_10);
   EXPECT_THROW(Refiner{foreign}, Error);
-  const auto feature_aligner = make_feature_aligner(*aligner);
-  for (const FeatureAlignmentTask& task :
-       {FeatureAlignmentTask{-1, 0, {}}, FeatureAlignmentTask{1, 0, {}}, FeatureAlignmentTask{0, 2, {}}})
+  const auto feature_aligner = internal::make_feature_aligner(*aligner);
+  using Task = internal::FeatureAlignmentTask;
+  for (const Task& task : {Task{-1, 0, {}}, Task{1, 0, {}}, Task{0, 2, {}}})
     EXPECT_THROW(feature_aligner->align(std::span(&task, 1)), Error);
 }
 

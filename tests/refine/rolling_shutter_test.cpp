@@ -6,13 +6,19 @@
 #include <gtest/gtest.h>
 #include <Eigen/Cholesky>
 
+#include <iclk/refine/internal/turn.h>
 #include <iclk/refine/pose.h>
-#include <iclk/refine/rolling_shutter.h>
 
 #include "bent_pair.h"
 
 namespace iclk::test {
 namespace {
+
+using internal::estimate_turn;
+using internal::pair_turn;
+using internal::RollingSighting;
+using internal::TurnEstimate;
+using internal::unrolled;
 
 const Camera kCamera{300, 300, 159.5, 119.5, 320, 240};
 

@@ -4,7 +4,7 @@
 
 #include <gtest/gtest.h>
 #include <iclk/engine/error.h>
-#include <iclk/refine/structure.h>
+#include <iclk/refine/internal/structure.h>
 #include <Eigen/Cholesky>
 
 #include "correspondences.h"
@@ -12,6 +12,9 @@
 namespace iclk {
 namespace {
 
+using internal::refine_structure;
+using internal::StructureOptions;
+using internal::StructureResult;
 using test::correspondences;
 using test::Scene;
 using test::wide_scene;

@@ -9,7 +9,7 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/rig/adjust.h>
-#include <iclk/rig/common_pose.h>
+#include <iclk/rig/internal/common_pose.h>
 #include <iclk/rig/rig.h>
 
 namespace iclk {
@@ -196,14 +196,14 @@ TEST(Rectify, RowsOfTrueCorrespondencesAreEqual) {
 TEST(CommonPose, AMinorityThatAgreesOnSomethingElseDoesNotMoveIt) {
   std::mt19937 random(3);
   std::normal_distribution<double> normal(0, 1);
-  std::vector<PoseVote> votes;
+  std::vector<internal::PoseVote> votes;
   for (int i = 0; i < 15; ++i) {
     Vector6d xi;
     for (int k = 0; k < 6; ++k) xi[k] = 1e-3 * normal(random);
     const bool wrong = i % 3 == 1;
     votes.push_back({(wrong ? moved(true_pose(), 0.1, 0.05) : true_pose()) * SE3::exp(xi), 1e-6 * Matrix6d::Identity(), 0, 0});
   }
-  const SE3 T = common_pose(votes);
+  const SE3 T = internal::common_pose(votes);
   EXPECT_LT((T.inverse() * true_pose()).log().norm(), 2e-3);
   for (size_t i = 0; i < votes.size(); ++i) EXPECT_EQ(votes[i].distance > 30, i % 3 == 1) << i << ": " << votes[i].distance;
 }
@@ -212,7 +212,7 @@ TEST(CommonPose, IsTheSolutionOfTheSummedSystems) {
   // sum_i H_i (xi - xi_i) = 0 for small xi_i and information matrices that differ.
   std::mt19937 random(5);
   std::normal_distribution<double> normal(0, 1);
-  std::vector<PoseVote> votes;
+  std::vector<internal::PoseVote> votes;
   Matrix6d H = Matrix6d::Zero();
   Vector6d b = Vector6d::Zero();
   for (int i = 0; i < 5; ++i) {

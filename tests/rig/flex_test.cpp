@@ -9,7 +9,7 @@
 #include <Eigen/LU>
 
 #include <iclk/engine/error.h>
-#include <iclk/rig/common_pose.h>
+#include <iclk/rig/internal/common_pose.h>
 #include <iclk/rig/flex.h>
 #include <iclk/rig/internal/chain.h>
 
@@ -141,11 +141,11 @@ TEST(CommonPose, OfManyVotesIsThatOfMostOfThem) {
   std::mt19937 random(1);
   std::normal_distribution<double> normal(0, 1);
   const auto xi_of = [&](double sigma) { return Vector6d(Vector6d::NullaryExpr([&] { return sigma * normal(random); })); };
-  std::vector<PoseVote> votes;
+  std::vector<internal::PoseVote> votes;
   for (int i = 0; i < 1000; ++i)
     votes.push_back({i % 5 < 2 ? SE3::exp(xi_of(0.5)) : kRest * SE3::exp(xi_of(1e-3)), 1e-6 * Matrix6d::Identity(), 0, 0});
-  std::vector<PoseVote> again = votes;
-  const SE3 T = common_pose(votes);
+  std::vector<internal::PoseVote> again = votes;
+  const SE3 T = internal::common_pose(votes);
   EXPECT_LT((kRest.inverse() * T).log().norm(), 3e-4);
   EXPECT_EQ(T.matrix(), common_pose(again).matrix());
 }

@@ -3,6 +3,7 @@
 // rolling shutters (turning.cpp), depths by motion (seeds.cpp).
 #include <optional>
 
+#include <iclk/refine/internal/turn.h>
 #include <iclk/track/rolling_shutter.h>
 #include <iclk/track/tracker.h>
 
@@ -48,9 +49,9 @@ struct Tracker::Impl {
   /// By the step from the last frame; nothing where that is too long ago.
   std::optional<Eigen::Vector3d> step_rate(double time, const SE3& T_WC) const;
   /// `turn_0`: the keyframe's.
-  std::optional<TurnEstimate> seen_turn(const Found& found, const Eigen::Vector3d& turn_0) const;
+  std::optional<internal::TurnEstimate> seen_turn(const Found& found, const Eigen::Vector3d& turn_0) const;
   /// By the step and by how the image, unrolled with `rate`, is still bent.
-  TurnRate rate_at(double time, const SE3& T_WC, const Found& found, const std::optional<TurnEstimate>& seen) const;
+  TurnRate rate_at(double time, const SE3& T_WC, const Found& found, const std::optional<internal::TurnEstimate>& seen) const;
   /// The pose by the features that were found, as they lie with the rate `now`; without looking at the image again. False if
   /// they agree no longer.
   bool pose_with(const Eigen::Vector3d& now, Found& found) const;
@@ -116,7 +117,7 @@ struct Tracker::Impl {
     double sigma = 0;
   };
   std::optional<Turned> turned;
-  FramePixels flat;    ///< the frame at hand, unrolled with flat_rate
+  FramePixels flat;  ///< the frame at hand, unrolled with flat_rate
   Eigen::Vector3d flat_rate = Eigen::Vector3d::Zero();
   int looked_at = -1;  ///< keyframe whose pyramid this is: kept from frame to frame
   Pyramid looked_pyramid;

@@ -1,4 +1,4 @@
-#include <iclk/rig/common_pose.h>
+#include <iclk/rig/internal/common_pose.h>
 
 #include <algorithm>
 #include <limits>
@@ -8,7 +8,7 @@
 
 #include <Eigen/Cholesky>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 constexpr double kMedian = 5.35, kHalf = 12.6;  // chi^2 of six degrees: 50 % and 95 %
@@ -79,4 +79,4 @@ SE3 common_pose(std::vector<PoseVote>& votes) {
   return T;
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

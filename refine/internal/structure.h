@@ -3,7 +3,7 @@
 
 #include <iclk/refine/pose.h>
 
-namespace iclk {
+namespace iclk::internal {
 
 struct StructureOptions {
   PoseOptions pose;
@@ -25,4 +25,4 @@ struct StructureResult {
 StructureResult refine_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                  const SE3& T_10, const StructureOptions& options = {});
 
-}  // namespace iclk
+}  // namespace iclk::internal

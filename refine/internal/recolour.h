@@ -3,9 +3,9 @@
 
 #include <Eigen/Core>
 
-#include <iclk/align/pyramid.h>
+#include <iclk/refine/recolouring.h>
 
-namespace iclk {
+namespace iclk::internal {
 
 /// What an aligned patch says of the target's colours: sums over its pixels of the reference's grey values T and the target's
 /// colours C = (R, G, B), each less its mean over the patch. All zero: nothing.
@@ -15,19 +15,10 @@ struct ColourSums {
   Eigen::Matrix3d CC = Eigen::Matrix3d::Zero();
 };
 
-/// Weights w for which the target's grey values w . C are most like the reference's: a change of hue or of a camera's white
-/// balance moves what luma weighs from one channel into another, and what is left of it displaces patches.
-struct Recolouring {
-  GreyWeights weights = kLuma;
-  /// What w leaves unexplained of the patches, over what luma leaves; each patch has its own gain and bias.
-  double unexplained = 1;
-  bool better() const { return weights != kLuma; }
-};
-
 /// Least squares over all patches with a gain of their own, patches that fit badly weighing less:
 ///   min sum_p rho_p |T_p - g_p w . C_p|^2 + noise^2 |w - luma|^2 sum_p rho_p g_p^2 64
 /// The second term is the noise of the colours: with none but grey to go by, w stays luma. So it does with fewer than 8 patches
 /// that say something, and where less than a twentieth of what luma leaves unexplained would be won.
 Recolouring recolour(std::span<const ColourSums> patches);
 
-}  // namespace iclk
+}  // namespace iclk::internal

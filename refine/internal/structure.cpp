@@ -1,4 +1,4 @@
-#include <iclk/refine/structure.h>
+#include <iclk/refine/internal/structure.h>
 
 #include <algorithm>
 #include <cmath>
@@ -10,7 +10,7 @@
 #include <iclk/align/common/options_check.h>
 #include <iclk/refine/internal/reprojection.h>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 std::vector<double> prior_sigmas(const Features& features, double relative_sigma) {
@@ -29,7 +29,7 @@ std::vector<double> prior_sigmas(const Features& features, double relative_sigma
 double across_epipolar_sigma(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                              const SE3& T_10, const PoseOptions& options) {
   std::vector<double> across;
-  for (const internal::Observation& o : internal::observations(camera, features, aligned, T_10, options.sigma)) {
+  for (const Observation& o : observations(camera, features, aligned, T_10, options.sigma)) {
     const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
     const Eigen::Vector2d along = camera.project_jacobian(p) * T_10.t;  // du1 / dq
     const double length = along.norm();
@@ -105,23 +105,23 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   const double sigma_0 =
       std::max(options.pose.min_sigma, across_epipolar_sigma(camera, features, aligned, result.pose.T_10, options.pose));
   const double scale = options.pose.cauchy_scale * sigma_0;
-  std::vector<internal::Observation> used = internal::observations(camera, features, aligned, result.pose.T_10, sigma_0);
-  internal::PoseBlock pose = internal::to_block(result.pose.T_10);
+  std::vector<Observation> used = observations(camera, features, aligned, result.pose.T_10, sigma_0);
+  PoseBlock pose = to_block(result.pose.T_10);
   ceres::Problem problem;
-  problem.AddParameterBlock(pose.data(), 12, new internal::PoseManifold);
+  problem.AddParameterBlock(pose.data(), 12, new PoseManifold);
   auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
   ordering->AddElementToGroup(pose.data(), 1);
   std::vector<FeatureCosts> costs;
-  for (internal::Observation& o : used) {
+  for (Observation& o : used) {
     const double sigma_q = result.inverse_depth_sigma[o.feature];
-    costs.push_back({problem.AddResidualBlock(new internal::ReprojectionCost(camera, camera.ray(o.uv0), o.uv1, o.W),
+    costs.push_back({problem.AddResidualBlock(new ReprojectionCost(camera, camera.ray(o.uv0), o.uv1, o.W),
                                               new ceres::CauchyLoss(scale), pose.data(), &o.q),
                      sigma_0 / sigma_q});
-    problem.AddResidualBlock(new internal::DepthPriorCost(o.q, costs.back().prior), nullptr, &o.q);
+    problem.AddResidualBlock(new DepthPriorCost(o.q, costs.back().prior), nullptr, &o.q);
     problem.SetParameterLowerBound(&o.q, 0, 1e-3 * o.q);  // a depth stays in front of the camera
     ordering->AddElementToGroup(&o.q, 0);
   }
-  ceres::Solver::Options solver = internal::solver_options(options.pose.iterations);
+  ceres::Solver::Options solver = solver_options(options.pose.iterations);
   solver.linear_solver_type = ceres::DENSE_SCHUR;
   solver.linear_solver_ordering = ordering;
   ceres::Solver::Summary summary;
@@ -130,15 +130,15 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   PoseResult& p = result.pose;
   const PoseResult pose_only = p;
   p.covariance.setZero();
-  const internal::Ending ending = internal::ending(summary);
+  const Ending ending = ending(summary);
   p.iterations += ending.iterations;
-  p.T_10 = internal::to_pose(pose.data());
+  p.T_10 = to_pose(pose.data());
   if (p.T_10.R.allFinite()) p.T_10.orthonormalize();
-  if (!internal::judge(used, camera, ending, options.pose, scale, p)) {
+  if (!judge(used, camera, ending, options.pose, scale, p)) {
     if (!ending.usable) p.T_10 = pose_only.T_10;
     return result;
   }
-  for (const internal::Observation& o : used) result.inverse_depth[o.feature] = o.q;
+  for (const Observation& o : used) result.inverse_depth[o.feature] = o.q;
 
   const auto covariance = star_covariance(problem, costs);
   if (!covariance) {
@@ -158,10 +158,9 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
 StructureResult refine_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                  const SE3& T_10, const StructureOptions& options) {
   options.check();
-  const double unit = internal::unit_of(features);
-  StructureResult result =
-      refine_unit_structure(camera, internal::in_unit(features, unit), aligned, internal::in_unit(T_10, unit), options);
-  internal::from_unit(unit, result.pose);
+  const double unit = unit_of(features);
+  StructureResult result = refine_unit_structure(camera, in_unit(features, unit), aligned, in_unit(T_10, unit), options);
+  from_unit(unit, result.pose);
   for (size_t i = 0; i < result.inverse_depth.size(); ++i) {
     // What was not refined comes back to the bit, NaN included.
     const bool refined = result.inverse_depth[i] != features.inverse_depth[i] / unit;
@@ -172,4 +171,4 @@ StructureResult refine_structure(const Camera& camera, const Features& features,
   return result;
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

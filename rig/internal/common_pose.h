@@ -3,7 +3,7 @@
 
 #include <iclk/align/se3.h>
 
-namespace iclk {
+namespace iclk::internal {
 
 /// What one pair says of a pose that all share.
 struct PoseVote {
@@ -18,4 +18,4 @@ struct PoseVote {
 /// their covariances say, distances are measured in what they show. Precondition: there is a vote.
 SE3 common_pose(std::vector<PoseVote>& votes);
 
-}  // namespace iclk
+}  // namespace iclk::internal

@@ -1,4 +1,4 @@
-#include <iclk/refine/recolour.h>
+#include <iclk/refine/internal/recolour.h>
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 
 #include <iclk/shaders/shared.h>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 constexpr int kRounds = 8;           // of weights and gains; the weights settle to 1 % in three or four
@@ -78,4 +78,4 @@ Recolouring recolour(std::span<const ColourSums> all) {
   return {{static_cast<float>(w[0]), static_cast<float>(w[1]), static_cast<float>(w[2])}, left / left_by_luma};
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

@@ -7,14 +7,13 @@
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/internal/device_features.h>
-#include <iclk/refine/internal/feature_aligners.h>
+#include <iclk/refine/internal/feature_aligner.h>
 #include <iclk/shaders/shared.h>
 
 #include "colour_sums.comp.spv.h"
 #include "feature_alignment.comp.spv.h"
 
-namespace iclk {
-namespace internal {
+namespace iclk::internal {
 
 engine::KernelDescription feature_alignment_kernel() {
   using enum engine::BindingKind;
@@ -67,14 +66,10 @@ AlignedFeature unpack_feature(const shaders::AlignedInfo& info) {
   return f;
 }
 
-}  // namespace internal
-
 namespace {
 
 using engine::BufferUse;
 using engine::MemoryKind;
-using internal::feature_alignment_kernel;
-using internal::unpack_feature;
 
 // Groups of a dispatch in x; 65,535 is what every device has.
 constexpr uint32_t kFeaturesATask = 32768;
@@ -105,7 +100,7 @@ engine::KernelDescription colours_description(uint32_t pixel_format) {
           {0, pixel_format}};
 }
 
-engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel& colours, const internal::GreyMaps& grey) {
+engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel& colours, const GreyMaps& grey) {
   engine::ArenaSize size;
   size.add(kernel, colours ? 2 : 1);  // the aligner's maps, or recoloured ones
   if (colours) size.add(colours, 2);
@@ -128,9 +123,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
         options_(checked(options)),
         recolour_(options.recolour && channels(aligner.plan().format) > 1),
         kernel_(aligner.context(), feature_alignment_kernel()),
-        colours_(recolour_
-                     ? engine::Kernel(aligner.context(), colours_description(internal::DeviceParts::maps(aligner).pixel_format))
-                     : engine::Kernel()),
+        colours_(recolour_ ? engine::Kernel(aligner.context(), colours_description(DeviceParts::maps(aligner).pixel_format))
+                           : engine::Kernel()),
         max_features_(static_cast<uint32_t>(std::min<uint64_t>(
             kFeaturesASubmission,
             static_cast<uint64_t>(aligner.pairs_per_batch()) * static_cast<uint64_t>(aligner.plan().max_features)))),
@@ -138,21 +132,23 @@ class DeviceFeatureAligner final : public FeatureAligner {
                             aligner.context()->limits().maxComputeWorkGroupCount[1])),
         ids_(max_tasks_, max_features_, recolour_),
         memory_(aligner.context(), ids_.plan),
-        grey_(internal::DeviceParts::make_grey_maps(aligner, recolour_)),
+        grey_(DeviceParts::make_grey_maps(aligner, recolour_)),
         arena_(aligner.context(), arena_size(kernel_, colours_, *grey_)),
         submission_(aligner.context()) {}
 
-  std::vector<std::vector<AlignedFeature>> align(std::span<const FeatureAlignmentTask> tasks) override {
-    std::vector<std::vector<AlignedFeature>> results;
+  std::vector<AlignedFeatures> align(std::span<const FeatureAlignmentTask> tasks) override {
+    std::vector<AlignedFeatures> results;
     results.reserve(tasks.size());
     clear();             // a lost device may have left some
     submission_.wait();  // pending only where the last call could not wait for it
     for (const FeatureAlignmentTask& task : tasks) {
       check(task);
-      results.emplace_back(aligner_.features(task.reference).uv.size());
+      AlignedFeatures& result = results.emplace_back();
+      result.features.resize(aligner_.features(task.reference).uv.size());
+      if (task.colours && recolour_) result.colours.resize(result.features.size());
     }
     for (size_t i = 0; i < tasks.size(); ++i) {
-      const auto count = static_cast<uint32_t>(results[i].size());
+      const auto count = static_cast<uint32_t>(results[i].features.size());
       for (uint32_t first = 0; first < count;) {
         if (pieces_.size() == max_tasks_ || filled_ == max_features_) run(results);
         const uint32_t n = std::min({count - first, kFeaturesATask, max_features_ - filled_});
@@ -171,7 +167,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
     recorder.compile_only();
     colours_wanted_ = recolour_;
     const int slot = 0;
-    const internal::GreyTarget target{0};
+    const GreyTarget target{0};
     record(recorder, grey_->record(recorder, std::span(&slot, 1), std::span(&target, 1)), {1, 1, 1});
     submit(recorder);
     clear();
@@ -206,7 +202,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
     auto* infos = memory_[ids_.features].as<shaders::FeatureInfo>() + filled_;
     for (uint32_t k = 0; k < piece.count; ++k) {
       const size_t i = piece.first + k;
-      infos[k] = internal::pack_feature(features, i, checks[i] == FeatureCheck::ok);
+      infos[k] = pack_feature(features, i, checks[i] == FeatureCheck::ok);
     }
     shaders::FeatureTask info{
         static_cast<uint32_t>(task.reference), static_cast<uint32_t>(task.pair), filled_, piece.count, task.colours, {}};
@@ -223,13 +219,13 @@ class DeviceFeatureAligner final : public FeatureAligner {
   }
 
   /// Aligns what was added and empties the list.
-  void run(std::vector<std::vector<AlignedFeature>>& results) {
+  void run(std::vector<AlignedFeatures>& results) {
     if (pieces_.empty()) return;
     const auto widest =
         std::max_element(pieces_.begin(), pieces_.end(), [](const Piece& a, const Piece& b) { return a.count < b.count; });
 
     engine::Recorder recorder(submission_, arena_);
-    const internal::DeviceMaps maps = grey_->record(recorder, slots_, targets_);
+    const DeviceMaps maps = grey_->record(recorder, slots_, targets_);
     recorder.upload(memory_[ids_.tasks], 0, sizeof(shaders::FeatureTask) * pieces_.size());
     recorder.upload(memory_[ids_.features], 0, sizeof(shaders::FeatureInfo) * filled_);
     record(recorder, maps, {widest->count, static_cast<uint32_t>(pieces_.size()), 1});
@@ -238,17 +234,20 @@ class DeviceFeatureAligner final : public FeatureAligner {
 
     const auto* infos = memory_[ids_.aligned].as<const shaders::AlignedInfo>();
     for (const Piece& piece : pieces_)
-      for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k] = unpack_feature(*infos++);
+      for (uint32_t k = 0; k < piece.count; ++k) results[piece.task].features[piece.first + k] = unpack_feature(*infos++);
     if (colours_wanted_) {
       const auto* sums = memory_[ids_.colours].as<const shaders::ColourInfo>();
-      for (const Piece& piece : pieces_)
-        for (uint32_t k = 0; k < piece.count; ++k) results[piece.task][piece.first + k].colours = unpack(*sums++);
+      for (const Piece& piece : pieces_) {
+        std::vector<ColourSums>& colours = results[piece.task].colours;
+        for (uint32_t k = 0; k < piece.count; ++k, ++sums)
+          if (!colours.empty()) colours[piece.first + k] = unpack(*sums);
+      }
     }
     clear();
   }
 
-  void record(engine::Recorder& recorder, const internal::DeviceMaps& maps, const engine::Groups& groups) {
-    const shaders::FeatureAlignmentPush push = internal::feature_alignment_push(options_, maps);
+  void record(engine::Recorder& recorder, const DeviceMaps& maps, const engine::Groups& groups) {
+    const shaders::FeatureAlignmentPush push = feature_alignment_push(options_, maps);
     recorder.stage("feature_alignment");
     recorder.dispatch(kernel_,
                       {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
@@ -284,21 +283,21 @@ class DeviceFeatureAligner final : public FeatureAligner {
   uint32_t max_features_, max_tasks_;
   Buffers ids_;
   engine::Workspace memory_;
-  std::unique_ptr<internal::GreyMaps> grey_;
+  std::unique_ptr<GreyMaps> grey_;
   engine::DescriptorArena arena_;
   engine::Submission submission_;
   std::vector<Piece> pieces_;  // waiting in the buffers
   std::vector<int> slots_;     // theirs
-  std::vector<internal::GreyTarget> targets_;
+  std::vector<GreyTarget> targets_;
   bool colours_wanted_ = false;
   uint32_t filled_ = 0;  // features of theirs
 };
 
 }  // namespace
 
-std::unique_ptr<FeatureAligner> internal::make_device_feature_aligner(const DeviceAligner& aligner,
-                                                                      const FeatureAlignmentOptions& options) {
+std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner,
+                                                            const FeatureAlignmentOptions& options) {
   return std::make_unique<DeviceFeatureAligner>(aligner, options);
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

@@ -1,0 +1,13 @@
+#pragma once
+#include <iclk/refine/internal/rounds.h>
+
+namespace iclk::internal {
+
+/// What the rounds have led to: status, reason, pose, covariance and, with RefinerOptions::structure, depths.
+void conclude(const View& view, const RefinerOptions& options, const Pair& pair, Candidate& candidate);
+
+/// Poses that may rival an answer. `reference`: its grey map of level 0.
+Elsewhere look_elsewhere(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,
+                         const RefinedAlignment& answer);
+
+}  // namespace iclk::internal

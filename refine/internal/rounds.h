@@ -1,0 +1,29 @@
+#pragma once
+#include <span>
+
+#include <iclk/align/aligner.h>
+#include <iclk/refine/internal/feature_aligner.h>
+#include <iclk/refine/internal/rivals.h>
+#include <iclk/refine/refiner.h>
+
+namespace iclk::internal {
+
+/// A pose on its way through the rounds.
+struct Candidate {
+  size_t pair = 0;  ///< of the batch
+  RefinedAlignment* result = nullptr;
+  SE3 T_10;  ///< warps the next round
+  PoseResult pose = {};
+  int least = 0;  ///< inliers; with fewer there is no further round
+};
+
+View view_of(const Aligner& aligner, int slot);
+
+/// Sets pose and cost of the stage `name`, and adds to its time.
+void record_stage(RefinedAlignment& r, const char* name, const SE3& T_10, double cost, double ms);
+
+/// Rounds of feature alignment and pose for all candidates together, until none moves any more.
+void run_rounds(const Aligner& aligner, FeatureAligner& feature_aligner, const RefinerOptions& options,
+                std::span<const Pair> pairs, std::span<Candidate> candidates);
+
+}  // namespace iclk::internal
