@@ -25,6 +25,7 @@ struct EvalCommand {
   std::vector<double> strengths = {0.25, 0.5, 0.75, 1};
   LoadOptions load;
   RunOptions run;
+  Settings settings;
   EvalOptions eval;
   std::string export_to;
   std::vector<std::string> peer_results;
@@ -95,7 +96,6 @@ void run(EvalCommand& command, int& exit) {
   options.apply = parse_apply_to(command.apply);
   if (options.batch == 0) options.batch = session.solver == Solver::cpu ? 1 : session.stages.front().model ? 2 : 8;
   options.check();
-  command.load.features.seed = options.seed;
   const LoaderCache loaders(command.load);
   for (const std::string& argument : command.peer_results) options.others.emplace_back(argument);
   const Manifest manifest = read_eval_set(command.set);
@@ -174,11 +174,13 @@ void add_eval(CLI::App& app, int& exit) {
   command->add_option("--figure", o->eval.figure, "id of the pair to draw; default: the one in the middle of the set");
   command->option_defaults()->group("Input");
   o->load.add_to(*command, false);
-  command->remove_option(command->get_option("--seed"));
-  command->add_option("--seed", o->eval.seed, "Of the changes, and of --detector random")->capture_default_str();
+  command->add_option("--seed", o->eval.seed, "Of the changes")->capture_default_str();
   command->option_defaults()->group("Alignment");
   o->run.add_to(*command);
-  command->footer(kEvalFooter + exit_codes_help("0 done"));
+  o->run.add_to(o->settings);
+  o->load.add_to(o->settings);
+  o->settings.add_to(*command);
+  command->footer(o->settings.help() + kEvalFooter + exit_codes_help("0 done"));
   command->callback([o, &exit] { run(*o, exit); });
 }
 

@@ -102,11 +102,11 @@ TEST_P(BadInput, MorePixelsThanMeant) {
   for (const char* what : {"a.png", "b.png", "d.png"}) {
     const cv::Mat large = cv::Mat::zeros(500, 400, std::string(what) == "d.png" ? CV_16UC1 : CV_8UC3);
     cv::imwrite(out_.path("large.png"), large);
-    expect_refused(align_with({{what, out_.path("large.png")}, {"--max-pixels", "199999"}}), kBadInput,
-                   {"large.png is 400x500", "199999", "--max-pixels"});
+    expect_refused(align_with({{what, out_.path("large.png")}, {"--set", "max-pixels=199999"}}), kBadInput,
+                   {"large.png is 400x500", "199999", "--set max-pixels"});
   }
-  EXPECT_EQ(align_with({{"--max-pixels", "76800"}}).code, kConverged) << "320x240";
-  EXPECT_EQ(align_with({{"--max-pixels", "0"}}).code, kUsage);
+  EXPECT_EQ(align_with({{"--set", "max-pixels=76800"}}).code, kConverged) << "320x240";
+  expect_refused(align_with({{"--set", "max-pixels=0"}}), kBadInput, {"max-pixels"});
 }
 
 TEST_P(BadInput, ZeroOneFiveFeatures) {
@@ -178,8 +178,8 @@ TEST_P(BadInput, AnImageOf16Pixels) {
                                                             {"b.png", out_.path("sb.png")},
                                                             {"d.png", out_.path("sd.png")},
                                                             {"--camera", "14,19,7.5,7.5"}};
-  expect_refused(align_with(small), kBadInput, {"sa.png: image width is 16,", "at least 24 for 4 levels", "--levels"});
-  small.push_back({"--levels", "1"});
+  expect_refused(align_with(small), kBadInput, {"sa.png: image width is 16,", "at least 24 for 4 levels", "--set levels"});
+  small.push_back({"--set", "levels=1"});
   EXPECT_TRUE(std::set<int>({kConverged, kMaxIterations, kLowOverlap, kDegenerate, kTooFewFeatures, kDiverged})
                   .contains(align_with(small).code));
 }
@@ -218,7 +218,7 @@ TEST_P(BadInput, TenThousandFeatures) {
     csv += std::to_string(u) + "," + std::to_string(v) + "," + std::to_string(depth.at<uint16_t>(v, u) / 5000.0) + "\n";
   }
   // Two levels: on small ones ten thousand patches overlap, and the device's mask looks at every pair of them.
-  const Finished f = align_with({{"--features", out_.write("f.csv", csv)}, {"--truth", truth_}, {"--levels", "2"}});
+  const Finished f = align_with({{"--features", out_.write("f.csv", csv)}, {"--truth", truth_}, {"--set", "levels=2"}});
   EXPECT_EQ(f.code, kConverged) << f.err << f.out;
   const auto json = nlohmann::json::parse(test::bytes_of(out_.path("out/result.json")));
   EXPECT_EQ(json["features"].size(), 10000u);

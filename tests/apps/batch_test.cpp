@@ -162,7 +162,7 @@ TEST_F(Batch, APairThatIsLargerThanTheMemoryIsRefused) {
   const std::string reason = r.at("bomb")["reason"];
   for (const char* piece : {"bomb.jsonl:2", "bomb.png (3000x3000)", "138 MiB", "the 64 of --memory", "give --memory 138"})
     EXPECT_NE(reason.find(piece), std::string::npos) << piece << " in " << reason;
-  const Results pixels = run(m, out.path("p.jsonl"), {"--max-pixels", "8999999"}, 20);
+  const Results pixels = run(m, out.path("p.jsonl"), {"--set", "max-pixels=8999999"}, 20);
   EXPECT_NE(pixels.at("bomb")["reason"].get<std::string>().find("bomb.png is 3000x3000"), std::string::npos);
   EXPECT_EQ(pixels.at("x")["status"], "converged");
 }

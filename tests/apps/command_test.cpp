@@ -75,8 +75,8 @@ TEST_F(Command, ExposureIsEstimatedUnlessForbidden) {
   const auto pose = [&](const std::vector<std::string>& options) {
     return nlohmann::json::parse(run(align(options)).out)["T_10"].dump();
   };
-  EXPECT_EQ(pose({"--json"}), pose({"--json", "--photometric"})) << "the default of the classical mode";
-  EXPECT_NE(pose({"--json"}), pose({"--json", "--no-photometric"}));
+  EXPECT_EQ(pose({"--json"}), pose({"--json", "--set", "photometric=yes"})) << "the default of the classical mode";
+  EXPECT_NE(pose({"--json"}), pose({"--json", "--set", "photometric=no"}));
 }
 
 TEST_F(Command, ATargetOfOtherColoursIsRefinedInTheGreyValuesThatFit) {
@@ -102,7 +102,7 @@ TEST_F(Command, ATargetOfOtherColoursIsRefinedInTheGreyValuesThatFit) {
     arguments.insert(arguments.end(), more.begin(), more.end());
     return nlohmann::json::parse(run(arguments).out);
   };
-  const auto with = aligned("recoloured.png"), without = aligned("recoloured.png", {"--no-recolour"});
+  const auto with = aligned("recoloured.png"), without = aligned("recoloured.png", {"--set", "recolour=no"});
   const auto error = [](const nlohmann::json& found) { return found["stages"].back()["e_pixel"].get<double>(); };
   EXPECT_EQ(without["grey_weights"], nlohmann::json({0.299, 0.587, 0.114}));
   EXPECT_NE(with["grey_weights"], without["grey_weights"]);
@@ -133,7 +133,7 @@ TEST_F(Command, UsageErrors) {
 TEST_F(Command, HelpShowsDefaultsExamplesAndExitCodes) {
   const Finished f = run({"align", "--help"});
   EXPECT_EQ(f.code, 0);
-  for (const char* piece : {"Examples:", "Exit codes:", "T_10", "shi-tomasi", "--refine-rounds", "--initial-pose"})
+  for (const char* piece : {"Examples:", "Exit codes:", "T_10", "shi-tomasi", "--set", "refine-rounds=", "--initial-pose"})
     EXPECT_NE(f.out.find(piece), std::string::npos) << piece;
   EXPECT_EQ(run({"--version"}).code, 0);
 }
@@ -233,7 +233,7 @@ TEST_F(Command, BadInputHasItsCodeAndNamesTheFile) {
   expect(replaced(camera_, "1,2,3"), kBadInput, "1,2,3");
   expect(replaced(camera_, folder.write("c.yaml", "intrinsics: [1, 2, 3, 4]\n")), kBadInput, "resolution");
   expect(run(align({"--truth", "1 2 3 0 0 0 9"})), kBadInput, "--truth");
-  expect(run(align({"--levels", "99"})), kBadInput, "levels");
+  expect(run(align({"--set", "levels=99"})), kBadInput, "levels");
   expect(run(align({"--features", folder.write("f.csv", "u,v,depth\n1,2,3\n4,x,6\n")})), kBadInput, "f.csv:3");
 }
 
@@ -257,7 +257,7 @@ TEST_F(Command, EveryVerdictHasItsExitCode) {
   // Two pictures of one grey value do not determine a pose.
   cv::imwrite(folder.path("grey.png"), cv::Mat(240, 320, CV_8UC3, cv::Scalar(90, 90, 90)));
   line[1] = line[2] = folder.path("grey.png");
-  line.insert(line.end(), {"--detector", "grid"});
+  line.insert(line.end(), {"--set", "detector=grid"});
   EXPECT_EQ(run(line).code, kDegenerate);
 }
 

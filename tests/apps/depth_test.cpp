@@ -100,7 +100,7 @@ TEST_F(DepthCommand, BadInputIsSaid) {
   refused({"--pose", truth_, "--depth-range", "one"}, 3, "NEAR,FAR");
   refused({"--pose", "0 0 0 0 0 0 1", "--depth-range", "1,9"}, 3, "baseline");
   refused({"--pose", truth_, "--depth-range", "1,9", "--planes", "7"}, 3, "planes");
-  refused({"--pose", truth_, "--depth-range", "1,9", "--p2", "400"}, 3, "p2");
+  refused({"--pose", truth_, "--depth-range", "1,9", "--set", "p2=400"}, 3, "p2");
   refused({"--pose", truth_, "--depth-range", "1,9", "--memory", "-1"}, 3, "--memory");
   refused({"--pose", truth_, "--depth-range", "1,9", "--memory", "2"}, 3, "2000000");
   refused({"--result", folder.path("none.json"), "--depth-range", "1,9"}, 4, "none.json");

@@ -52,7 +52,7 @@ TEST(ImageHeaders, SayWhatIsDecoded) {
            {+[](const std::string& p) { load_image(p, 1199); }, +[](const std::string& p) { load_depth(p, 1, 1199); },
             +[](const std::string& p) { peek_image(p, 1199); }})
         expect_error([&] { load(path); }, ErrorCode::invalid_argument,
-                     {path.c_str(), "40x30", "the 1199 pixels", "--max-pixels"});
+                     {path.c_str(), "40x30", "the 1199 pixels", "--set max-pixels"});
     }
 }
 

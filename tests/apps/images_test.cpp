@@ -81,7 +81,7 @@ TEST(Images, AHeaderOfGiantSidesIsAnError) {
   std::string bytes = bytes_of(folder.path("a.png"));
   bytes.replace(16, 8, std::string("\x7f\xff\xff\xff\x7f\xff\xff\xff", 8));
   expect_error([&] { load_image(folder.write("giant.png", bytes)); }, ErrorCode::invalid_argument,
-               {"giant.png", "2147483647x2147483647", "67108864", "--max-pixels"});
+               {"giant.png", "2147483647x2147483647", "67108864", "--set max-pixels"});
 }
 
 TEST(Images, FloatWithNanIsAnError) {

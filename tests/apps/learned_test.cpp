@@ -153,13 +153,13 @@ TEST_F(Learned, SeveralModelsAreNotMeasuredAsOne) {
 }
 
 TEST_F(Learned, OptionsGoBeforeTheModelsOwn) {
-  EXPECT_EQ(json(run(learned({"--levels", "2", "--no-refine"})))["levels"].size(), 2u) << "its finest two";
-  const Json one = Json::parse(run(learned({"--iterations", "1", "--search", "off", "--no-refine"})).out);
+  EXPECT_EQ(json(run(learned({"--set", "levels=2", "--set", "refine=no"})))["levels"].size(), 2u) << "its finest two";
+  const Json one = Json::parse(run(learned({"--set", "iterations=1", "--set", "search=off", "--set", "refine=no"})).out);
   for (const auto& level : one["levels"]) EXPECT_LE(level["iterations"].size(), 2u);
-  const Finished many = run(learned({"--levels", "4"}));
+  const Finished many = run(learned({"--set", "levels=4"}));
   EXPECT_EQ(many.code, kBadInput);
   EXPECT_NE(many.err.find("narrow has 3"), std::string::npos) << many.err;
-  const Finished robust = run(learned({"--robust", "huber"}));
+  const Finished robust = run(learned({"--set", "robust=huber"}));
   EXPECT_EQ(robust.code, kBadInput);
   EXPECT_NE(robust.err.find("M-estimator"), std::string::npos) << robust.err;
   EXPECT_EQ(run(learned({"--model", "no_such_model"})).code, kUsage) << "twice";
@@ -168,10 +168,10 @@ TEST_F(Learned, OptionsGoBeforeTheModelsOwn) {
 }
 
 TEST_F(Learned, SearchesWhereNoPoseIsGiven) {
-  const Json searched = json(run(learned({"--no-refine"}))), started = json(run(learned({"--no-refine", "--search", "off"})));
+  const Json searched = json(run(learned({"--set", "refine=no"}))), started = json(run(learned({"--set", "refine=no", "--set", "search=off"})));
   EXPECT_NE(searched["T_10"], started["T_10"]) << "to the last bit";
-  EXPECT_EQ(json(run(learned({"--no-refine", "--search", "on"})))["T_10"], searched["T_10"]);
-  EXPECT_EQ(json(run(learned({"--no-refine", "--initial-pose", "0 0 0 0 0 0 1"})))["T_10"], started["T_10"]);
+  EXPECT_EQ(json(run(learned({"--set", "refine=no", "--set", "search=on"})))["T_10"], searched["T_10"]);
+  EXPECT_EQ(json(run(learned({"--set", "refine=no", "--initial-pose", "0 0 0 0 0 0 1"})))["T_10"], started["T_10"]);
 }
 
 TEST_F(Learned, OnlyDevicesTuneMeasuresAndAlignTakesWhatItFound) {

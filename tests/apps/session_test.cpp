@@ -231,7 +231,7 @@ TEST(Session, DenseNeedsADepthImage) {
   EXPECT_TRUE(result.converged()) << result.reason;
   EXPECT_LT(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel, 0.2);
   pair.depth_0 = cv::Mat();
-  expect_error([&] { run_pair(session, pair); }, ErrorCode::invalid_argument, {"--dense", "--depth"});
+  expect_error([&] { run_pair(session, pair); }, ErrorCode::invalid_argument, {"--set dense=yes", "--depth"});
 }
 
 TEST(PairLoader, SizesMustAgree) {

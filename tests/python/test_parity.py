@@ -74,7 +74,7 @@ def test_features_that_are_chosen(tmp_path: Path, colour: Scene, small: Scene, k
     raw[20:60, 30:90] = 0
     line = [COMMAND, "align", save(tmp_path / "a.ppm", s.reference), save(tmp_path / "b.ppm", s.target)]
     line += ["--depth", save(tmp_path / "depth.pgm", raw), "--depth-scale", "5000", "--camera", ",".join(map(str, s.K))]
-    how = ["--solver", "cpu", "--model", "classical", "--no-refine", "--json"]
+    how = ["--solver", "cpu", "--model", "classical", "--set", "refine=no", "--json"]
     j = json.loads(subprocess.run([*line, *how], capture_output=True, text=True).stdout)
     depth = raw.astype(np.float32) * np.float32(1 / 5000)
     uv, _ = iclk.detect(s.reference, depth)
@@ -88,13 +88,13 @@ def deeper(a: np.ndarray) -> np.ndarray:
 
 CPU = [
     ({}, []),
-    ({"refine": False}, ["--no-refine"]),
-    ({"structure": True}, ["--structure"]),
-    ({"robust": "tukey", "levels": 3, "damping": "adaptive"}, ["--robust", "tukey", "--levels", "3", "--damping", "adaptive"]),
-    ({"search": "off", "photometric": False}, ["--search", "off", "--no-photometric"]),
-    ({"search": "on", "rolling_shutter": False}, ["--search", "on", "--global-shutter"]),
-    ({"camera_sigma": 0.3}, ["--camera-sigma", "0.3"]),
-    ({"model": "sd6dof-small", "recolour": False}, ["--model", "sd6dof-small", "--no-recolour"]),
+    ({"refine": False}, ["--set", "refine=no"]),
+    ({"structure": True}, ["--set", "structure=yes"]),
+    ({"robust": "tukey", "levels": 3, "damping": "adaptive"}, ["--set", "robust=tukey", "--set", "levels=3", "--set", "damping=adaptive"]),
+    ({"search": "off", "photometric": False}, ["--set", "search=off", "--set", "photometric=no"]),
+    ({"search": "on", "rolling_shutter": False}, ["--set", "search=on", "--set", "rolling-shutter=no"]),
+    ({"camera_sigma": 0.3}, ["--set", "camera-sigma=0.3"]),
+    ({"model": "sd6dof-small", "recolour": False}, ["--model", "sd6dof-small", "--set", "recolour=no"]),
 ]
 
 

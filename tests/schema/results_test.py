@@ -50,20 +50,20 @@ class Schema(unittest.TestCase):
         self.assertEqual([e.message for e in jsonschema.Draft202012Validator(SCHEMA).iter_errors(value)], [])
 
     def test_align_that_converged(self):
-        for more in ([], ['--truth', 'truth.txt'], ['--no-refine'], ['--structure']):
+        for more in ([], ['--truth', 'truth.txt'], ['--set', 'refine=no'], ['--set', 'structure=yes']):
             result = self.align('b.png', *more)
             self.check(result, 'aligned')
             self.assertEqual(result['status'], 'converged', result['reason'])
             self.assertEqual(result['camera'], {'fx': 150, 'fy': 150, 'cx': 79.5, 'cy': 59.5, 'width': WIDTH, 'height': HEIGHT})
             aligned = [f for f in result['features'] if f['status'] == 'aligned']
-            self.assertEqual(len(aligned) == 0, '--no-refine' in more)
+            self.assertEqual(len(aligned) == 0, 'refine=no' in more)
             for f in aligned:
                 (a, b), (c, d) = f['covariance']
                 self.assertTrue(a > 0 and d > 0 and b == c and a * d > b * b, f)
-                self.assertEqual('--structure' in more, f.get('inverse_depth_sigma', 0) > 0)
+                self.assertEqual('structure=yes' in more, f.get('inverse_depth_sigma', 0) > 0)
 
     def test_align_that_failed(self):
-        for target, more in (('flat.png', []), ('b.png', ['--count', '6']), ('flat.png', ['--no-refine', '--search', 'off'])):
+        for target, more in (('flat.png', []), ('b.png', ['--count', '6']), ('flat.png', ['--set', 'refine=no', '--set', 'search=off'])):
             result = self.align(target, *more)
             self.check(result, 'aligned')
             self.assertNotEqual(result['status'], 'converged')

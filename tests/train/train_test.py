@@ -140,7 +140,7 @@ class Training(unittest.TestCase):
         for text in ('tiny', 'CC0-1.0', '24 steps', 'procedural:3 (seed 0)', 'jitter:0.4'):
             self.assertIn(text, info.stdout)
         network, settings = self.network(), recipe.load(self.recipe, ['data.appearance=["clean"]'])
-        ways = ([], ['--carry', '0'], ['--carry', '1', '--solver', 'device'])
+        ways = ([], ['--set', 'carry=0'], ['--set', 'carry=1', '--solver', 'device'])
         for pair, way in zip(PairSet(self.set).pairs[:3], ways):
             batch = {k: x[None] for k, x in make_sample(pair, settings, np.random.default_rng(0), 0, True).items()}
             features = self.file('features.csv')
@@ -152,7 +152,7 @@ class Training(unittest.TestCase):
                              carry=float(way[1]) if way else settings['export']['carry'])
             camera = ','.join(str(x) for x in pair['camera'])
             command = [ICLK, 'align', pair['reference'], pair['target'], '--features', features, '--camera', camera,
-                       '--model', model, '--json', '--no-refine', '--search', 'off', *way]
+                       '--model', model, '--json', '--set', 'refine=no', '--set', 'search=off', *way]
             found = subprocess.run(command, capture_output=True, text=True)
             T = np.array(json.loads(found.stdout)['stages'][0]['T_10'])
             scene = 1 / float(batch['q'].mean())

@@ -16,6 +16,7 @@ struct AlignOptions {
   PairFiles files;
   LoadOptions load;
   RunOptions run;
+  Settings settings;
   std::string initial_pose, truth, out;
   bool json = false, profile = false;
 };
@@ -109,6 +110,9 @@ void add_align(CLI::App& app, int& exit) {
       ->type_name("POSE");
   command->option_defaults()->group("Alignment");
   options->run.add_to(*command);
+  options->run.add_to(options->settings);
+  options->load.add_to(options->settings);
+  options->settings.add_to(*command);
   command->option_defaults()->group("Output");
   command->add_option("--out", options->out, "Folder for result.json, features.png, overlay.png and residual.png")
       ->check(not_empty)
@@ -116,7 +120,7 @@ void add_align(CLI::App& app, int& exit) {
   command->add_flag("--json", options->json,
                     "The result as JSON (docs/schema/result-1.json) on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the time went, on standard error");
-  command->footer(kAlignFooter + exit_codes_help(kStatusCodes));
+  command->footer(options->settings.help() + kAlignFooter + exit_codes_help(kStatusCodes));
   command->callback([options, &exit] { run_align(*options, exit); });
 }
 

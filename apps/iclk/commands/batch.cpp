@@ -28,6 +28,7 @@ struct BatchOptions {
   std::string manifest, out, shard = "0/1";
   LoadOptions load;
   RunOptions run;
+  Settings settings;
   int batch = 0, threads = 0;
   size_t memory = 1024;
   std::string retry = "none";
@@ -155,9 +156,9 @@ ResultsJournal::Retry parse_retry(const std::string& text) {
 }
 
 /// What the results depend on, as the command line or the defaults say it; a model by what is in it.
-Json effective_options(const CLI::App& command, const SessionOptions& session) {
-  const std::vector<std::string> free = {"--help",  "MANIFEST", "--out",           "--batch",  "--threads",   "--memory",
-                                         "--shard", "--retry",  "--with-features", "--device", "--max-pixels"};
+Json effective_options(const CLI::App& command, const Settings& settings, const SessionOptions& session) {
+  const std::vector<std::string> free = {"--help",  "MANIFEST", "--out",           "--batch",  "--threads", "--memory",
+                                         "--shard", "--retry",  "--with-features", "--device", "--set"};
   Json json = Json::object();
   for (const CLI::Option* option : command.get_options()) {
     const std::string name = option->get_name();
@@ -169,6 +170,8 @@ Json effective_options(const CLI::App& command, const SessionOptions& session) {
     }
     json[name] = value;
   }
+  for (const auto& [name, value] : settings.values())
+    if (name != "max-pixels") json["--set " + name] = value;
   std::string hashes;
   const auto add_hash = [&](const Model* model) {
     if (model == nullptr) return;
@@ -188,9 +191,10 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
 
   Tally tally;
   const auto inputs = [&](const ManifestLine& line) { return loaders.inputs(manifest, line); };
-  ResultsJournal journal(options.out, manifest,
-                         {effective_options(command, session_options), version(), parse_retry(options.retry), inputs},
-                         [&](const Json& head) { tally.add(head); });
+  ResultsJournal journal(
+      options.out, manifest,
+      {effective_options(command, options.settings, session_options), version(), parse_retry(options.retry), inputs},
+      [&](const Json& head) { tally.add(head); });
   const int before = tally.total();
   if (journal.dropped() > 0)
     spdlog::info("{} of {} results are made again, as --retry {} asks", journal.dropped(), journal.dropped() + before,
@@ -313,7 +317,10 @@ void add_batch(CLI::App& app, int& exit) {
                     "Keep the list of features in the results: about 100 bytes a feature");
   options->load.add_to(*command, false);
   options->run.add_to(*command);
-  command->footer(kBatchFooter);
+  options->run.add_to(options->settings);
+  options->load.add_to(options->settings);
+  options->settings.add_to(*command);
+  command->footer(options->settings.help() + kBatchFooter);
   command->callback([options, command, &exit] { run_batch_command(*options, *command, exit); });
 }
 

@@ -20,6 +20,7 @@ namespace {
 
 struct DemoOptions {
   RunOptions run;
+  Settings settings;
   DetectorOptions features;
   std::string out = "iclk_demo";
 };
@@ -81,7 +82,9 @@ void add_demo(CLI::App& app, int& exit) {
       ->type_name("DIR");
   command->add_option("--count", options->features.count, "Features")->capture_default_str();
   options->run.add_to(*command);
-  command->footer("Examples:\n  iclk demo\n  iclk demo --solver cpu --count 50 --out demo50\n\n" +
+  options->run.add_to(options->settings);
+  options->settings.add_to(*command);
+  command->footer(options->settings.help() + "Examples:\n  iclk demo\n  iclk demo --solver cpu --count 50 --out demo50\n\n" +
                   exit_codes_help(kStatusCodes));
   command->callback([options, &exit] { run_demo(*options, exit); });
 }

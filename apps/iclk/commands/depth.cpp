@@ -10,6 +10,7 @@
 #include "apps/iclk/commands/program.h"
 #include "apps/iclk/common/measure.h"
 #include "apps/iclk/common/not_empty.h"
+#include "apps/iclk/common/settings.h"
 #include "apps/iclk/depth/figures.h"
 #include "apps/iclk/depth/input.h"
 #include "apps/iclk/depth/output.h"
@@ -25,6 +26,7 @@ struct DepthCommand {
   std::string device, out, truth;
   double truth_scale = 0, memory = 0;
   bool json = false, fill = false, peers = false, profile = false;
+  Settings settings;
 };
 
 const char* const kDepthFooter =
@@ -136,6 +138,16 @@ void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
   exit = exit_code(map.status);
 }
 
+void add_settings(DepthOptions& sweep, Settings& settings) {
+  settings.add("p1", sweep.p1, "COST", "7", "penalty where neighbours differ by a plane");
+  settings.add("p2", sweep.p2, "COST", "60", "penalty where they differ by more");
+  settings.add("edge", sweep.edge, "0 to 255", "3", "loss of p2 a grey level of difference");
+  settings.add("uniqueness", sweep.uniqueness, "0 to 1", "0.01", "share by which the second best plane must be worse");
+  settings.add("tolerance", sweep.tolerance, "PLANES", "3", "by which views may disagree");
+  settings.add("iterations", sweep.iterations, "0 to 20", "3", "of the refinement between planes");
+  settings.add("speckle", sweep.speckle, "PIXELS", "100", "islands of fewer are dropped");
+}
+
 }  // namespace
 
 void add_depth(CLI::App& app, int& exit) { add_depth(app, exit, nullptr); }
@@ -188,13 +200,6 @@ void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
       ->add_option("--planes", options->planes,
                    "Planes of inverse depth, a multiple of 16; 0: one a pixel of motion, 256 at most")
       ->capture_default_str();
-  command->add_option("--p1", sweep.p1, "Penalty where neighbours differ by a plane")->capture_default_str();
-  command->add_option("--p2", sweep.p2, "Penalty where they differ by more")->capture_default_str();
-  command->add_option("--edge", sweep.edge, "Loss of p2 a grey level of difference")->capture_default_str();
-  command->add_option("--uniqueness", sweep.uniqueness, "Share by which the second best must be worse")->capture_default_str();
-  command->add_option("--tolerance", sweep.tolerance, "Planes by which views may disagree")->capture_default_str();
-  command->add_option("--iterations", sweep.iterations, "Of the refinement between planes")->capture_default_str();
-  command->add_option("--speckle", sweep.speckle, "Islands of fewer pixels are dropped")->capture_default_str();
   command->add_option("--device", options->device,
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command
@@ -212,7 +217,10 @@ void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
   command->add_flag("--peers", options->peers, "Run OpenCV's stereo methods on the same pair, rectified");
   command->add_flag("--json", options->json, "The summary as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the device's time went, on standard error");
-  command->footer(kDepthFooter + exit_codes_help("0 converged, 11 low_overlap, 12 degenerate, 14 diverged"));
+  add_settings(sweep, options->settings);
+  options->settings.add_to(*command);
+  command->footer(options->settings.help() + kDepthFooter +
+                  exit_codes_help("0 converged, 11 low_overlap, 12 degenerate, 14 diverged"));
   command->callback([options, peers, &exit] { run_depth(*options, peers, exit); });
 }
 

@@ -11,7 +11,7 @@
 
 namespace iclk {
 
-/// The default of --max-pixels: a file of a megabyte may hold 10000x10000 pixels, and a gigabyte of memory.
+/// The default of --set max-pixels: a file of a megabyte may hold 10000x10000 pixels, and a gigabyte of memory.
 inline constexpr uint64_t kMaxPixels = uint64_t{8192} * 8192;
 
 /// Once, at the start of a program, before any thread: lets OpenCV read EXR and keeps its own log and its decoders' off the

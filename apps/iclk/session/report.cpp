@@ -117,18 +117,18 @@ PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, con
 std::string hint(Status status, bool feature_file) {
   switch (status) {
     case Status::converged: return "";
-    case Status::max_iterations: return "the pose was still moving: try --damping adaptive, or a nearer --initial-pose";
+    case Status::max_iterations: return "the pose was still moving: try --set damping=adaptive, or a nearer --initial-pose";
     case Status::low_overlap: return "little of the reference is inside the target: take a nearer frame or give --initial-pose";
     case Status::degenerate:
       if (feature_file)
         return "the images do not determine the pose: more features are needed, on texture and spread over the image; where it "
                "repeats, --initial-pose";
       return "the images do not determine the pose: they need texture spread over the image and depth, try --count 400 or "
-             "--detector grid; where it repeats, --initial-pose";
+             "--set detector=grid; where it repeats, --initial-pose";
     case Status::too_few_features:
       if (feature_file) return "the feature file needs more points that lie inside the reference, on texture, and have a depth";
       return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 400 or "
-             "--detector grid";
+             "--set detector=grid";
     case Status::diverged:
       return "the images do not agree: do they show the same place, not rolled by more than 30 degrees (else give "
              "--initial-pose or a nearer frame)? are --camera and --depth-scale right?";

@@ -26,7 +26,7 @@ inline constexpr const char* kResultSchema = "iclk-result-1";
 ///   stages               name, T_10, cost, ms; with a truth e_pixel [px], e_transl [m], e_rot [rad]
 ///   levels               coarse to fine: level, scale, iterations (cost, visible, step, lambda, accepted)
 ///   features             u0, v0, inverse_depth, u1, v1, status; pixels of the undistorted images; with refinement covariance,
-///                        2x2 of u1, v1, px^2; with --structure inverse_depth_sigma
+///                        2x2 of u1, v1, px^2; with the setting structure, inverse_depth_sigma
 ///   camera               fx, fy, cx, cy, width, height of those images
 ///   gain, bias           target = gain reference + bias, grey in [0, 1], of the whole pair, as ICLK found them
 ///   visible_fraction, device, timing_ms

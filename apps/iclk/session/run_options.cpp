@@ -23,71 +23,42 @@ void RunOptions::add_to(CLI::App& command) {
   command
       .add_option("--model", chosen.model,
                   "A learned model, file or name (`iclk model info`): its encoder and its weights; classical: the grey "
-                  "pyramid and --robust; auto: classical, then sd6dof-small, then sd6dof, each for the pairs that did not "
+                  "pyramid; auto: classical, then sd6dof-small, then sd6dof, each for the pairs that did not "
                   "converge before. ICLK_MODEL changes the default")
       ->capture_default_str()
       ->check(not_empty)
       ->type_name("FILE|classical|auto");
-  command.add_option(
-      "--levels", chosen.levels,
-      "Pyramid levels: each doubles the motion that can be found; default 4, or all that the model has (fewer: its "
-      "finest)");
-  command.add_option("--iterations", chosen.iterations, "Iterations a level, at most; default 10, or the model's");
-  command.add_option("--carry", chosen.carry,
-                     "Share (0 to 1) of what a level has found out about the pose that the next finer one keeps as a prior: "
-                     "blurred and noisy images need it; default 0, the paper's, or the model's");
-  command
-      .add_option("--robust", robust,
-                  "Weights of the residuals; unit is the paper's. huber, tukey and cauchy play down what moved by itself; "
-                  "default huber, with a model unit")
-      ->check(CLI::IsMember({"unit", "huber", "tukey", "cauchy"}));
-  command
-      .add_option("--damping", damping,
-                  "fixed: every step is taken, as in the paper; adaptive: a step that raises the cost is taken back")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"fixed", "adaptive"}));
-  command
-      .add_option("--search", search,
-                  "How to begin. on: look for the features in the whole target, whatever the motion; off: at the first guess; "
-                  "auto: on where no first guess is given")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"auto", "on", "off"}));
-  // Not bound to `photometric` itself: CLI11 2.1 sets an optional<bool> to false where the flag is not given.
-  command.add_flag_function(
-      "--photometric,!--no-photometric", [this](std::int64_t count) { chosen.photometric = count > 0; },
-      "Estimate the pair's exposure (gain and bias), or do not; default: do, but not with a model");
-  command.add_flag("--dense", chosen.dense,
-                   "Align every pixel with depth instead of 8x8 patches; refinement works on the features");
-  command.add_flag_callback(
-      "--no-refine", [this] { chosen.refine = false; }, "Stop after ICLK: no feature alignment, no pose refinement");
-  command.add_option("--refine-rounds", chosen.refiner.rounds, "Rounds of feature alignment and pose, at most")
-      ->capture_default_str();
-  command.add_flag_callback(
-      "--no-recolour", [this] { chosen.refiner.feature_alignment.recolour = false; },
-      "Refine on the luma of a target whose colours are not the reference's, not on the grey values that fit the reference");
-  command.add_flag_callback(
-      "--global-shutter", [this] { chosen.refiner.rolling_shutter = false; },
-      "Both cameras read all rows at once: no bend is looked for, and the covariance does not allow for one");
-  command
-      .add_option("--camera-sigma", camera_sigma,
-                  "How wrong focal length and principal point are, px, for the covariance: auto (what the pair allows for), or "
-                  "a number; 0 where they are exact, as a renderer's")
-      ->capture_default_str();
-  command.add_flag("--structure", chosen.refiner.structure, "Refine the inverse depths along with the pose at the end");
+}
+
+void RunOptions::add_to(Settings& settings) {
+  RefinerOptions& refiner = chosen.refiner;
+  settings.add("levels", chosen.levels, "1 to 12", "4, or the model's",
+               "pyramid levels; each doubles the motion that ICLK finds without a search");
+  settings.add("iterations", chosen.iterations, "1 to 1000", "10, or the model's", "of ICLK a level, at most");
+  settings.add("carry", chosen.carry, "0 to 1", "0, or the model's",
+               "share of what a level says of the pose that the next keeps as a prior");
+  settings.add("robust", chosen.robust, "unit|huber|tukey|cauchy", "huber, with a model unit", "weights of the residuals");
+  settings.add("damping", chosen.damping, "fixed|adaptive", "fixed", "adaptive takes back a step that raises the cost");
+  settings.add("search", chosen.search, "auto|on|off", "auto",
+               "where the pose begins: on matches the features in the whole target, off takes the first guess, auto searches "
+               "pairs without one");
+  settings.add("photometric", chosen.photometric, "yes|no", "yes, with a model no", "estimate the pair's gain and bias");
+  settings.add("dense", chosen.dense, "yes|no", "no", "align every pixel with depth, not patches");
+  settings.add("refine", chosen.refine, "yes|no", "yes", "no: stop after ICLK");
+  settings.add("refine-rounds", refiner.rounds, "1 to 100", "3", "of feature alignment and pose, at most");
+  settings.add("recolour", refiner.feature_alignment.recolour, "yes|no", "yes",
+               "refine a target of other colours in the grey values that fit the reference");
+  settings.add("rolling-shutter", refiner.rolling_shutter, "yes|no", "yes",
+               "look for a bend between the images; no: both cameras read all rows at once");
+  settings.add("camera-sigma", refiner.pose.camera_sigma, "PX|auto", "auto",
+               "how wrong focal length and principal point are, for the covariance; 0 for a renderer's");
+  settings.add("structure", refiner.structure, "yes|no", "no", "refine the inverse depths with the pose at the end");
 }
 
 SessionOptions RunOptions::session() const {
   SessionOptions options = chosen;
   options.solver = options.device == "cpu" ? Solver::cpu : parse_solver(solver);
-  options.search = parse_search(search);
-  options.damping = parse_damping(damping);
-  if (robust) options.robust = parse_robust(*robust);
   options.stages = make_stages(options);
-  if (camera_sigma == "auto") return options;
-  options.refiner.pose.camera_sigma = to_number(camera_sigma);
-  if (!options.refiner.pose.camera_sigma)
-    throw Error(ErrorCode::invalid_argument,
-                "--camera-sigma '" + printable(camera_sigma) + "' is neither auto nor a number of px");
   return options;
 }
 
@@ -118,19 +89,15 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
                   "An image of the pairs' size that is 0 where both images are not to be looked at: the own vehicle, a border")
       ->check(not_empty)
       ->type_name("FILE");
-  command
-      .add_option("--max-pixels", max_pixels,
-                  "Most pixels of an image: a larger one is refused by its header, before its pixels take memory")
-      ->capture_default_str()
-      ->check(CLI::Range(uint64_t{1}, uint64_t{1} << 40));
-  command
-      .add_option("--detector", detector,
-                  "How features are chosen where no feature file is given: shi-tomasi (corners, spread over the "
-                  "image), grid, random (uniform, as in the paper)")
-      ->capture_default_str()
-      ->check(CLI::IsMember({"shi-tomasi", "grid", "random"}));
   command.add_option("--count", features.count, "Features to choose; the paper has 50")->capture_default_str();
-  command.add_option("--seed", features.seed, "Seed of --detector random")->capture_default_str();
+}
+
+void LoadOptions::add_to(Settings& settings) {
+  settings.add("detector", features.detector, "shi-tomasi|grid|random", "shi-tomasi",
+               "how features are chosen: corners spread over the image, a grid, or at random as in the paper");
+  settings.add("seed", features.seed, "0 to 2^53", "0", "of the random detector");
+  settings.add("max-pixels", max_pixels, "1 to 2^53", std::to_string(kMaxPixels),
+               "a larger image is refused by its header, before its pixels take memory");
 }
 
 InputOptions LoadOptions::input() const {
@@ -143,9 +110,9 @@ InputOptions LoadOptions::input() const {
   options.depth_along_ray = depth_along_ray;
   options.depth_sigma = parse_depth_sigma(depth_sigma);
   options.mask = mask;
+  if (max_pixels < 1) throw Error(ErrorCode::invalid_argument, "--set max-pixels=0: at least 1 expected");
   options.max_pixels = max_pixels;
   options.detector = features;
-  options.detector.detector = parse_detector(detector);
   options.detector.check();
   return options;
 }

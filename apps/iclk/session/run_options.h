@@ -4,18 +4,19 @@
 
 #include <CLI/CLI.hpp>
 
+#include "apps/iclk/common/settings.h"
 #include "apps/iclk/session/pair_input.h"
 #include "apps/iclk/session/run_pairs.h"
 
 namespace iclk {
 
-/// The options that align, batch and bench share, as text until they are checked.
+/// The options that align, batch, eval and demo share.
 struct RunOptions {
   SessionOptions chosen;
-  std::string solver = "host", search = "auto", damping = "fixed", camera_sigma = "auto";
-  std::optional<std::string> robust;
+  std::string solver = "host";
 
   void add_to(CLI::App& command);
+  void add_to(Settings& settings);
   /// Reads the models: SessionOptions::stages. Throws Error(invalid_argument) that names the value, Error(io) for a model that
   /// is not there.
   SessionOptions session() const;
@@ -23,7 +24,7 @@ struct RunOptions {
 
 /// The options by which files become pairs.
 struct LoadOptions {
-  std::string camera, distortion, detector = "shi-tomasi", depth_sigma = "auto";
+  std::string camera, distortion, depth_sigma = "auto";
   std::string mask;
   double depth_scale = 0;
   bool depth_along_ray = false;
@@ -31,6 +32,7 @@ struct LoadOptions {
   DetectorOptions features;
 
   void add_to(CLI::App& command, bool camera_required);
+  void add_to(Settings& settings);
   /// Throws Error that names the value or the camera file.
   InputOptions input() const;
 };

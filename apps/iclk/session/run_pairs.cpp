@@ -12,7 +12,7 @@ namespace {
 
 cv::Mat inverse_depth_of(const PairInput& pair) {
   if (pair.depth_0.empty())
-    throw Error(ErrorCode::invalid_argument, pair.name_0 + ": --dense needs a depth image (--depth), not only features");
+    throw Error(ErrorCode::invalid_argument, pair.name_0 + ": --set dense=yes needs a depth image (--depth), not only features");
   cv::Mat inverse;
   cv::divide(1.0, pair.depth_0, inverse);
   inverse.setTo(0, pair.depth_0 <= 0);
@@ -34,7 +34,7 @@ void prepare(Session& session, std::span<const CascadePair> work, const PairInpu
     std::string remedy;
     if (e.code() == ErrorCode::unsupported) remedy = " (--solver cpu)";
     if (std::min(first.image_0.cols, first.image_0.rows) < 3 << (session.stages().front().aligner.levels - 1))
-      remedy = " (--levels)";
+      remedy = " (--set levels)";
     throw Error(e.code(), first.name_0 + ": " + e.what() + remedy);
   }
 }

@@ -29,8 +29,8 @@ has the status "error" and the reason; it is not tried again unless --retry asks
 or network error, killed), its shard is begun again by a new worker, three times in all; _faults.jsonl says why.
 
 Run the same command again to continue after Ctrl-C, a kill or a lost machine: shards with a file are skipped, and no pair is
-twice in the results. Another manifest, other options or another iclk need another DIR. Not taken from `iclk batch`: --dense,
---detector random, "errors" (the row has the truth instead) and the watch over files that change.
+twice in the results. Another manifest, other options or another iclk need another DIR. Not taken from `iclk batch`: the settings
+dense, detector=random and camera-sigma, "errors" (the row has the truth instead) and the watch over files that change.
 
 Examples:
   python -m iclk.ray pairs.jsonl --camera camera.txt --out results                         # this machine, a worker a core
@@ -45,6 +45,31 @@ Ctrl-C, 143 by SIGTERM; 2 wrong usage, 3 bad manifest, options or results of ano
 """
 
 EXITS = {"invalid_argument": 3, "unsupported": 3, "io": 4, "no_driver": 5, "no_device": 5}
+
+
+def yes_or_no(text: str) -> bool:
+    return {"yes": True, "no": False}[text]
+
+
+def detector(text: str) -> str:
+    return {"shi-tomasi": text, "grid": text}[text]
+
+
+SETTINGS = {
+    "levels": int, "iterations": int, "carry": float, "robust": str, "damping": str, "search": str, "photometric": yes_or_no,
+    "refine": yes_or_no, "refine-rounds": int, "recolour": yes_or_no, "rolling-shutter": yes_or_no, "structure": yes_or_no,
+    "detector": detector, "max-pixels": int,
+}  # fmt: skip
+
+
+def setting(text: str) -> tuple[str, Any]:
+    name, _, value = text.partition("=")
+    if name not in SETTINGS:
+        raise argparse.ArgumentTypeError(f"{text}: NAME=VALUE expected, with one of the names {', '.join(SETTINGS)}")
+    try:
+        return name.replace("-", "_"), SETTINGS[name](value)
+    except (KeyError, ValueError):
+        raise argparse.ArgumentTypeError(f"{text}: another value expected, as `iclk batch --help` says") from None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -69,31 +94,12 @@ def parser() -> argparse.ArgumentParser:
     what.add_argument("--depth-scale", type=float, default=0)
     what.add_argument("--depth-sigma", default="auto")
     what.add_argument("--mask", default="", metavar="FILE")
-    what.add_argument("--max-pixels", type=int, default=8192 * 8192)
-    what.add_argument("--detector", choices=("shi-tomasi", "grid"), default="shi-tomasi")
     what.add_argument("--count", type=int, default=200)
     what.add_argument("--with-features", action="store_true")
     what.add_argument("--model", default=default_model(), metavar="FILE|classical|auto")
     what.add_argument("--solver", choices=("host", "device", "cpu"))
-    what.add_argument("--levels", type=int)
-    what.add_argument("--iterations", type=int)
-    what.add_argument("--carry", type=float)
-    what.add_argument("--robust", choices=("unit", "huber", "tukey", "cauchy"))
-    what.add_argument("--damping", choices=("fixed", "adaptive"))
-    what.add_argument("--search", choices=("auto", "on", "off"))
-    what.add_argument("--photometric", action=argparse.BooleanOptionalAction, default=None)
-    what.add_argument("--no-refine", action="store_const", const=False, dest="refine")
-    what.add_argument("--refine-rounds", type=int)
-    what.add_argument("--no-recolour", action="store_const", const=False, dest="recolour")
-    what.add_argument("--global-shutter", action="store_const", const=False, dest="rolling_shutter")
-    what.add_argument("--structure", action="store_const", const=True)
+    what.add_argument("--set", type=setting, action="append", default=[], metavar="NAME=VALUE", help="; ".join(SETTINGS))
     return p
-
-
-OPTIONS = (
-    "solver", "levels", "iterations", "carry", "robust", "damping", "search",
-    "photometric", "refine", "refine_rounds", "recolour", "rolling_shutter", "structure",
-)  # fmt: skip
 
 
 def check(a: argparse.Namespace) -> None:
@@ -160,8 +166,13 @@ def main(arguments: list[str] | None = None) -> int:
 
     before = signal.signal(signal.SIGTERM, stop)
     try:
+        options = dict(a.set)
+        if a.solver:
+            options["solver"] = a.solver
+        a.detector = options.pop("detector", "shi-tomasi")
+        a.max_pixels = options.pop("max_pixels", 8192 * 8192)
         check(a)
-        return run(a, {name: getattr(a, name) for name in OPTIONS if getattr(a, name) is not None}, Progress)
+        return run(a, options, Progress)
     except KeyboardInterrupt as e:
         print("\niclk.ray: stopped; the same command continues", file=sys.stderr)
         return 128 + (e.args[0] if e.args else signal.SIGINT)
