@@ -28,7 +28,7 @@ class BoundTracker {
                const std::string& device, const std::vector<std::string>& folders, int features, int keyframes, int window,
                double min_visible, double readout, const std::string& depth_sigma, bool masks) {
     TrackerOptions options;
-    options.detector.count = features;
+    options.features = features;
     options.keyframes = keyframes;
     options.window = window;
     options.min_visible = min_visible;
@@ -36,7 +36,7 @@ class BoundTracker {
     options.masks = masks;
     const Camera camera = python::camera(intrinsics, width, height);
     const DepthSigma noise = parse_depth_sigma(depth_sigma);
-    if (noise.said()) options.depth_noise = {noise.constant + noise.disparity / std::abs(camera.fx), noise.relative};
+    if (noise.said()) options.depth_sigma = noise;
     options.check();
     const SessionOptions session{.model = model,
                                  .model_folders = folders,

@@ -20,7 +20,7 @@ void archive(Stream& s, AlignedFeature& f) {
 }
 
 template <class Stream>
-void archive(Stream& s, Keyframe::Origin& o) {
+void archive(Stream& s, TrackResult::Origin& o) {
   archive_all(s, o.keyframe, o.T_CK, o.confirmed, o.covariance);
 }
 
@@ -37,12 +37,12 @@ void archive(Stream& s, Keyframe& k) {
 }
 
 template <class Stream>
-void archive(Stream& s, Tracker::Impl::Last& l) {
+void archive(Stream& s, Motion::Last& l) {
   archive_all(s, l.time, l.T_WC);
 }
 
 template <class Stream>
-void archive(Stream& s, Tracker::Impl::Turned& t) {
+void archive(Stream& s, Unroller::State::Turned& t) {
   archive_all(s, t.time, t.time_before, t.T_WC_before, t.turn, t.sigma);
 }
 
@@ -60,12 +60,15 @@ uint64_t checksum(std::span<const uint8_t> bytes) {
 }
 
 template <class Stream>
-void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, Keyframe>& held, std::vector<SE3>& poses) {
-  internal::archive_all(s, held, poses, m.current, m.last, m.previous, m.previous_rate, m.previous_origin, m.velocity,
-                        m.velocity_seconds, m.rate, m.bent.turn, m.bent.sigma, m.bent.seen, m.turned, m.lost, m.map,
-                        m.frames_tracked, m.frames_lost, m.next_tried, m.last_time);
-  m.rate_changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
-  m.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
+void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyframe>& held, std::vector<SE3>& poses) {
+  internal::Motion& motion = m.motion;
+  internal::Unroller::State& turn = m.unroller.state;
+  internal::archive_all(s, held, poses, m.locator.state.current, motion.last, m.previous.pixels, m.previous.rate,
+                        m.previous.origin, motion.velocity, motion.seconds, turn.rate, turn.bent.turn, turn.bent.sigma,
+                        turn.bent.seen, turn.turned, motion.lost, m.map, m.frames_tracked, m.frames_lost,
+                        m.locator.state.next_tried, m.last_time);
+  turn.changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
+  turn.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
 }
 
 }  // namespace
@@ -75,8 +78,7 @@ std::vector<uint8_t> Tracker::state() const {
   internal::Writer writer;
   uint64_t magic = kMagic, sum = 0;
   internal::archive_all(writer, magic, sum, m.camera.width, m.camera.height, m.options.keyframes);
-  std::vector<SE3> poses;
-  for (int id = 0; id < m.keyframes.count(); ++id) poses.push_back(m.keyframes.pose(id));
+  std::vector<SE3> poses = m.keyframes.poses();
   archive_tracker(writer, m, m.keyframes.all(), poses);
   sum = checksum(std::span(writer.bytes).subspan(2 * sizeof(uint64_t)));
   std::memcpy(writer.bytes.data() + sizeof(magic), &sum, sizeof(sum));
@@ -98,15 +100,15 @@ void Tracker::restore(std::span<const uint8_t> state) {
   require(width == m.camera.width && height == m.camera.height && capacity == m.options.keyframes,
           "a tracker's state is of another camera or number of keyframes");
   auto fresh = std::make_unique<Impl>(m.aligner, m.camera, m.options);
-  std::map<int, Keyframe> held;
+  std::map<int, internal::Keyframe> held;
   std::vector<SE3> poses;
   archive_tracker(reader, *fresh, held, poses);
   require(reader.left() == 0, "a tracker's state is longer than it should be");
   fresh->keyframes.restore(std::move(held), std::move(poses));
   try {
-    for (const auto& [id, k] : fresh->keyframes.all()) fresh->set_reference(k);
+    for (const auto& [id, k] : fresh->keyframes.all()) fresh->keyframes.prepare(k);
   } catch (...) {
-    for (const auto& [id, k] : m.keyframes.all()) m.set_reference(k);  // of slots that were overwritten
+    for (const auto& [id, k] : m.keyframes.all()) m.keyframes.prepare(k);  // of slots that were overwritten
     throw;
   }
   impl_ = std::move(fresh);

@@ -1,42 +1,16 @@
 #include <iclk/track/tracker.h>
 
-#include <algorithm>
-#include <chrono>
 #include <cmath>
-#include <numeric>
 #include <utility>
 
 #include <iclk/align/common/options_check.h>
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
+#include <iclk/track/internal/detector.h>
 #include <iclk/track/internal/tracker_impl.h>
 
 namespace iclk {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-/// So little is left of a keyframe that a frame must become one, blurred or not.
-constexpr double kLittleVisible = 0.5;
-/// A frame without depth becomes a keyframe if features moved so much, as a share of the image's width, and if so few inliers,
-/// times min_inliers or of those visible, are left.
-constexpr double kSomeFlow = 0.03, kFewOfVisible = 0.5;
-/// Frames with depth may be rare: one takes over from a keyframe that lacks it when features moved so much.
-constexpr double kLittleFlow = 0.01;
-constexpr int kFewInliers = 3;
-/// A camera that went so far that the keyframe's depths are wrong by so many px shows it: features are found, but do not agree.
-/// Below a half of them would confirm no pose.
-constexpr double kCoarse = 1, kFewOfFound = 0.6;
-/// Of the features that a sensor leaves to be found, those that others may bring: what is new needs places, too.
-constexpr double kCarried = 0.6;
-/// Other places have less texture: where features dwindle, a frame without depth may be less sharp than its keyframe, but not
-/// than the frame before.
-constexpr double kAsSharp = 0.9;
-/// A frame that is so much sharper than its keyframe is the better one.
-constexpr double kMuchSharper = 1.3;
-
-double milliseconds_since(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 /// In front of all that reads pixels.
 void check_view(const ImageView& image, const Camera& camera, PixelFormat format, const char* what) {
@@ -58,8 +32,26 @@ void check_frame(const TrackFrame& frame, const Camera& camera, const TrackerOpt
   check_view(frame.mask, camera, PixelFormat::r8, "a mask");
 }
 
-RefinerOptions for_tracking(RefinerOptions options) {
-  options.keep_unconfirmed = true;  // what the alignment says may still be credible (Impl::credible)
+/// The pose that was found by a keyframe.
+void tell(const internal::Found& found, const internal::Keyframe& k, TrackResult& result) {
+  const RefinedAlignment& a = found.alignment;
+  result.status = TrackStatus::tracked;
+  result.confirmed = found.confirmed;
+  result.reason = a.reason;
+  result.keyframe = k.id;
+  result.T_CK = a.T_10;
+  result.T_WC = k.T_WC * a.T_10.inverse();
+  result.T_WC.orthonormalize();
+  result.covariance = a.covariance;
+  result.features = k.features.size();
+  result.visible = a.visible;
+  result.inliers = a.inliers;
+  result.sigma = a.sigma;
+}
+
+RefinerOptions for_tracking() {
+  RefinerOptions options;
+  options.keep_unconfirmed = true;  // what the alignment says may still be credible (Judge)
   options.rolling_shutter = false;  // frames are unrolled here, by what the frames before tell as well
   return options;
 }
@@ -76,26 +68,22 @@ const char* name(TrackStatus status) {
 }
 
 void TrackerOptions::check() const {
-  check_range("features of a keyframe", detector.count, 10, 8192);
-  check_range("depth noise (constant)", depth_noise.constant, 0, 1e6);
-  check_range("depth noise (relative)", depth_noise.relative, 0, 10);
-  if (depth_noise.constant + depth_noise.relative == 0)
-    throw Error(ErrorCode::invalid_argument, "depth noise is 0: give a sigma; of exact depths a relative one of 1e-6");
+  check_range("features of a keyframe", features, 10, 8192);
+  check_range("depth sigma (constant)", depth_sigma.constant, 0, 1e6);
+  check_range("depth sigma (disparity)", depth_sigma.disparity, 0, 1e9);
+  check_range("depth sigma (relative)", depth_sigma.relative, 0, 10);
+  if (!depth_sigma.said())
+    throw Error(ErrorCode::invalid_argument, "depth sigma is 0: give one; of exact depths a relative one of 1e-6");
   check_range("seeds of a keyframe", seeds, 0, 8192);
   check_range("keyframes", keyframes, 2, 4096);
   check_range("window", window, 1, 64);
   check_range("min_visible", min_visible, 0.1, 1);
-  check_range("max_flow", max_flow, 0.01, 1);
   check_range("min_inliers", min_inliers, 6, 8192);
-  check_range("weak_correlation", weak_correlation, 0, 1);
-  check_range("weak_motion", weak_motion, 0, 1);
   check_range("readout", readout, -0.2, 0.2);
-  check_range("min_sharpness", min_sharpness, 0, 1);
-  refiner.check();
 }
 
 Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
-  Plan plan{.width = camera.width, .height = camera.height, .max_features = options.detector.count};
+  Plan plan{.width = camera.width, .height = camera.height, .max_features = options.features};
   plan.max_references = options.keyframes;
   plan.max_pairs = 2 * options.window;
   const bool masks = options.masks || options.readout != 0;  // unrolled images are not seen everywhere
@@ -108,59 +96,134 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
     : aligner(aligner),
       camera(camera),
       options(options),
-      rows(options.rows.value_or(RowTimes(camera))),
-      refiner(aligner, for_tracking(options.refiner)),
-      keyframes(options.keyframes) {}
+      judge{camera, options.min_inliers, options.min_visible},
+      refiner(aligner, for_tracking()),
+      keyframes(aligner, camera, options.keyframes),
+      unroller(camera, options, judge, refiner),
+      locator(camera, judge, refiner, keyframes, aligner.plan().max_pairs),
+      window(camera, judge, refiner, keyframes, options.window),
+      seeder(camera, this->options, judge) {}
 
-void Tracker::Impl::set_reference(const Keyframe& k) {
-  aligner.set_reference(k.slot,
-                        {.image = k.pixels.frame(camera).image, .camera = camera, .features = k.features, .inverse_depth = {}});
+/// docs/sequences.md tells what happens to a frame, by these numbers.
+TrackResult Tracker::Impl::track(const TrackFrame& given) {
+  check(given);
+  last_time = given.time;
+  Frame frame(given);
+  TrackResult result;
+  result.time = given.time;
+  result.map = map;
+  if (keyframes.empty()) return begin(frame, std::move(result));
+  const internal::Stopwatch watch;
+  unroller.unroll(frame);                              // 1
+  std::optional<Found> found = locate(frame, result);  // 2, 3
+  if (found) unroller.unroll_again(frame, *keyframes.find(found->keyframe), motion, *found);
+  result.align_ms = watch.ms();
+  if (!found) return lose(frame, std::move(result));
+  internal::Keyframe& k = *keyframes.find(found->keyframe);
+  locator.state.current = k.id;
+  tell(*found, k, result);
+  unroller.learn(frame, k, *found, motion, result.T_WC);
+  const TrackResult::Origin origin{k.id, result.T_CK, found->confirmed, result.covariance};
+  if (judge.becomes_keyframe(frame, k, *found, result.T_WC, previous.pixels.frame(camera))) {  // 4
+    unroller.straighten(frame);
+    make_keyframe(frame, result.T_WC, origin, &*found, result);
+  }
+  if (result.status == TrackStatus::tracked && found->confirmed) look_for_seeds(k, frame, found->alignment, result);  // 5
+  keep(given, frame.rate, origin, result.T_WC);
+  return result;
 }
 
-/// Whether a map could begin with it.
-bool Tracker::Impl::can_begin(const TrackFrame& frame) const {
-  return !frame.depth.empty() &&
-         detect_corners(grey_map(frame.image), frame.depth, frame.mask, options.depth_noise, options.detector).size() >=
-             2 * options.min_inliers;
+void Tracker::Impl::check(const TrackFrame& given) const {
+  check_frame(given, camera, options);
+  if (!std::isfinite(given.time))
+    throw Error(ErrorCode::invalid_argument, "a frame's time is " + std::to_string(given.time) + ", seconds are wanted");
+  if (last_time && given.time <= *last_time)
+    throw Error(ErrorCode::invalid_argument, "frame at " + std::to_string(given.time) + " s does not come after the one at " +
+                                                 std::to_string(*last_time) + " s");
 }
 
-bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, const std::optional<Keyframe::Origin>& origin,
+TrackResult Tracker::Impl::begin(Frame& frame, TrackResult result) {
+  unroller.begin();
+  if (!make_keyframe(frame, {}, {}, nullptr, result)) {
+    result.reason = "no frame with depth and texture yet";
+    return result;
+  }
+  result.reason = map == 0 ? "the first keyframe" : "a new map: the last one lost the camera for longer than it had it";
+  result.confirmed = true;
+  frames_tracked = 0;
+  keep(frame.seen(), Eigen::Vector3d::Zero(), {}, result.T_WC);
+  return result;
+}
+
+std::optional<internal::Found> Tracker::Impl::locate(Frame& frame, TrackResult& result) {
+  constexpr double kLikely = 0.5, kAtAll = -1;  // of a credible keyframe, visible
+  const TrackFrame& seen = frame.seen();
+  if (!motion.lost) {
+    internal::Search search{motion.predict(seen.time)};
+    if (auto found = locator.follow(seen, search)) return found;
+    result.searched = true;
+    if (auto found = locator.try_others(seen, motion, search)) return found;
+    if (auto found = locator.credible(search, kLikely)) return found;
+    if (make_previous_keyframe(result))  // nothing is more alike
+      if (auto found = locator.try_current(seen, motion, search)) return found;
+    if (auto found = locator.credible(search, kAtAll)) return found;
+  }
+  result.searched = true;
+  return locator.relocalise(seen, motion.last->T_WC);
+}
+
+bool Tracker::Impl::make_previous_keyframe(TrackResult& result) {
+  if (keyframes.newest().time == previous.pixels.time) return false;
+  internal::FramePixels straight;
+  Frame before(unroller.unrolled(previous.pixels.frame(camera), previous.rate, straight));
+  TrackResult made;
+  if (!make_keyframe(before, motion.last->T_WC, previous.origin, nullptr, made)) return false;
+  result.before = TrackResult::Before{made.keyframe, before.given.time};
+  return true;
+}
+
+TrackResult Tracker::Impl::lose(Frame& frame, TrackResult result) {
+  result.T_WC = motion.last->T_WC;
+  result.reason =
+      "not found from where it was expected, nor by a search among " + std::to_string(keyframes.size()) + " keyframes";
+  motion.lose();
+  unroller.lose();
+  if (++frames_lost <= frames_tracked || measure(frame).size() < least_features()) return result;
+  keyframes.forget();
+  result.map = ++map;
+  return begin(frame, std::move(result));
+}
+
+const Features& Tracker::Impl::measure(Frame& frame) const {
+  if (frame.measured) return *frame.measured;
+  const TrackFrame& seen = frame.seen();
+  Features& out = frame.measured.emplace();
+  if (seen.depth.empty()) return out;
+  out = internal::detect_corners(frame.grey(), seen.depth, seen.mask, options.features, options.border);
+  options.depth_sigma.apply(camera, out);
+  return out;
+}
+
+bool Tracker::Impl::make_keyframe(Frame& frame, const SE3& T_WC, const std::optional<TrackResult::Origin>& origin,
                                   const Found* found, TrackResult& result) {
-  const auto start = Clock::now();
-  const Map grey = grey_map(frame.image);
-  Features features;
-  if (!frame.depth.empty()) features = detect_corners(grey, frame.depth, frame.mask, options.depth_noise, options.detector);
+  const internal::Stopwatch watch;
+  Features features = measure(frame);
   const int measured = features.size();
-  if (measured < 2 * options.min_inliers && (options.seeds == 0 || keyframes.empty())) return false;
-  std::vector<Neighbour> neighbours = neighbours_of(frame, T_WC, found);
-  // A sensor that has enough needs no help, and is better.
-  const bool help = options.seeds > 0 && measured < options.detector.count;
-  if (help) carry(frame, neighbours, static_cast<int>(kCarried * (options.detector.count - measured)), features);
-  if (features.size() < 2 * options.min_inliers) return false;
-  Keyframe& k = keyframes.add(frame.time, T_WC);
-  k.sharpness = sharpness(grey);
-  k.turn = bent.turn;
-  k.turn_sigma = bent.sigma;
-  k.seen_turn = bent.seen;
+  if (measured < least_features() && (options.seeds == 0 || keyframes.empty())) return false;
+  std::vector<internal::Neighbour> neighbours = window.neighbours_of(frame.seen(), T_WC, found);
+  if (seeder.helps(measured)) seeder.carry(frame.seen(), neighbours, features);
+  if (features.size() < least_features()) return false;
+  internal::Keyframe& k = keyframes.add(frame.given.time, T_WC);
   k.origin = origin;
-  k.with_depth = 2 * measured >= features.size();
-  k.features = std::move(features);
-  if (help) sow(k, grey, frame);
-  k.measured = k.features.inverse_depth;
-  k.sigma = k.features.inverse_depth_sigma;
-  k.sigma.resize(k.measured.size());
-  k.pixels.keep(frame);
-  k.pixels.depth.clear();  // its features have what is needed
-  set_reference(k);
-  connect(k, neighbours);
-  result.keyframe_ms = milliseconds_since(start);
-  const auto bundle_start = Clock::now();
-  adjust_window();
-  result.bundle_ms = milliseconds_since(bundle_start);
-  const auto seeds_start = Clock::now();
-  look_back(k, neighbours);
-  result.keyframe_ms += milliseconds_since(seeds_start);
-  current = k.id;
+  fill(k, frame, std::move(features), measured);
+  keyframes.prepare(k);
+  window.connect(k, neighbours);
+  const internal::Stopwatch bundle_watch;
+  window.adjust();
+  result.bundle_ms = bundle_watch.ms();
+  if (seeder.look_back(k, frame, neighbours)) keyframes.prepare(k);
+  result.keyframe_ms = watch.ms() - result.bundle_ms;
+  locator.state.current = k.id;
   result.status = TrackStatus::keyframe;
   result.keyframe = k.id;
   result.T_CK = {};
@@ -170,36 +233,39 @@ bool Tracker::Impl::make_keyframe(const TrackFrame& frame, const SE3& T_WC, cons
   return true;
 }
 
-bool Tracker::Impl::disagree(const Keyframe& k, const RefinedAlignment& a) const {
-  const auto found =
-      std::count_if(a.features.begin(), a.features.end(), [](const auto& f) { return f.status == FeatureStatus::aligned; });
-  const double sum = std::accumulate(k.sigma.begin(), k.sigma.end(), 0.0), count = static_cast<double>(k.sigma.size());
-  return std::abs(camera.fx) * a.T_10.t.norm() * sum > kCoarse * count && a.inliers < kFewOfFound * static_cast<double>(found);
+void Tracker::Impl::fill(internal::Keyframe& k, Frame& frame, Features features, int measured) {
+  const auto& bent = unroller.state.bent;
+  k.turn = bent.turn;
+  k.turn_sigma = bent.sigma;
+  k.seen_turn = bent.seen;
+  k.sharpness = frame.sharpness();
+  k.with_depth = 2 * measured >= features.size();
+  k.features = std::move(features);
+  if (seeder.helps(measured)) seeder.sow(k, frame);
+  k.measured = k.features.inverse_depth;
+  k.sigma = k.features.inverse_depth_sigma;
+  k.sigma.resize(k.measured.size());
+  TrackFrame pixels = frame.seen();
+  pixels.depth = {};  // its features have what is needed
+  k.pixels.keep(pixels);
 }
 
-void Tracker::Impl::lose() {
-  lost = true;
-  velocity.reset();
-  turned.reset();
-  rate.setZero();
-  rate_changes.interrupt();
+void Tracker::Impl::look_for_seeds(internal::Keyframe& k, Frame& frame, const RefinedAlignment& a, TrackResult& result) {
+  if (k.seeds.empty()) return;
+  const internal::Stopwatch watch;
+  unroller.straighten(frame);
+  if (seeder.look(k, frame, a)) keyframes.prepare(k);
+  result.keyframe_ms += watch.ms();
 }
 
-void Tracker::Impl::begin(const TrackFrame& frame, TrackResult& result) {
-  bent = {};  // whatever it is bent by, the others are seen in relation to it
-  if (!make_keyframe(frame, {}, {}, nullptr, result)) {
-    result.reason = "no frame with depth and texture yet";
-    return;
-  }
-  result.reason = map == 0 ? "the first keyframe" : "a new map: the last one lost the camera for longer than it had it";
-  result.confirmed = true;
-  lost = false;
-  frames_tracked = 1;
+void Tracker::Impl::keep(const TrackFrame& pixels, const Eigen::Vector3d& rate,
+                         const std::optional<TrackResult::Origin>& origin, const SE3& T_WC) {
+  motion.add(pixels.time, T_WC);
+  ++frames_tracked;
   frames_lost = 0;
-  last = Last{frame.time, result.T_WC};
-  previous.keep(frame);
-  previous_rate.setZero();
-  previous_origin.reset();
+  previous.pixels.keep(pixels);
+  previous.rate = rate;
+  previous.origin = origin;
 }
 
 Tracker::Tracker(const Session& session, const Camera& camera, const TrackerOptions& options) {
@@ -222,103 +288,26 @@ Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& o
 
 Tracker::~Tracker() = default;
 
-TrackResult Tracker::track(const TrackFrame& given) {
-  Impl& m = *impl_;
-  TrackFrame frame = given;
-  check_frame(frame, m.camera, m.options);
-  if (!std::isfinite(frame.time))
-    throw Error(ErrorCode::invalid_argument, "a frame's time is " + std::to_string(frame.time) + ", seconds are wanted");
-  if (m.last_time && frame.time <= *m.last_time)
-    throw Error(ErrorCode::invalid_argument, "frame at " + std::to_string(frame.time) + " s does not come after the one at " +
-                                                 std::to_string(*m.last_time) + " s");
-  m.last_time = frame.time;
-  TrackResult result;
-  result.time = frame.time;
-  result.map = m.map;
-  if (m.keyframes.empty()) {
-    m.begin(frame, result);
-    return result;
-  }
-  const auto start = Clock::now();
-  frame = m.unrolled(given, m.rate);
-  auto found = m.find_pose(frame, result);
-  if (found && m.rolls() && !m.lost) m.unroll_again(given, *found);
-  const Eigen::Vector3d rate = m.rate;
-  const auto unroll_frame = [&] {
-    if (m.rolls() && m.flat_rate != rate) frame = m.unrolled(given, rate);
-  };
-  result.align_ms = milliseconds_since(start);
-  if (!found) {
-    result.T_WC = m.last->T_WC;
-    result.reason =
-        "not found from where it was expected, nor by a search among " + std::to_string(m.keyframes.size()) + " keyframes";
-    m.lose();
-    if (++m.frames_lost > m.frames_tracked && m.can_begin(frame)) {
-      m.keyframes.forget();
-      result.map = ++m.map;
-      m.begin(frame, result);
-    }
-    return result;
-  }
-  const RefinedAlignment& a = found->alignment;
-  Keyframe& k = *m.keyframes.find(found->keyframe);
-  m.current = k.id;
-  result.status = TrackStatus::tracked;
-  result.confirmed = found->confirmed;
-  result.reason = a.reason;
-  result.keyframe = k.id;
-  result.T_CK = a.T_10;
-  result.T_WC = k.T_WC * a.T_10.inverse();
-  result.T_WC.orthonormalize();
-  result.covariance = a.covariance;
-  result.features = k.features.size();
-  result.visible = a.visible;
-  result.inliers = a.inliers;
-  result.sigma = a.sigma;
+TrackResult Tracker::track(const TrackFrame& frame) { return impl_->track(frame); }
+int Tracker::keyframe_count() const { return static_cast<int>(impl_->keyframes.poses().size()); }
+const SE3& Tracker::keyframe_pose(int id) const { return impl_->keyframes.poses().at(static_cast<size_t>(id)); }
 
-  m.learn_turn(*found, frame.time, result.T_WC);
-  const Keyframe::Origin origin{k.id, a.T_10, found->confirmed, a.covariance};
-  const Overlap seen = overlap(m.camera, k, result.T_WC);
-  const bool little = seen.visible < kLittleVisible;
-  // A sensor's depths are better than those by motion; without them features can only be carried over while they are found.
-  const bool few = a.inliers < kFewInliers * m.options.min_inliers || a.inliers < kFewOfVisible * a.visible;
-  const bool coarse = m.disagree(k, a);
-  const bool moved = seen.flow > kSomeFlow * m.camera.width;
-  const bool renew =
-      frame.depth.empty() ? moved && few : (moved && coarse) || (!k.with_depth && seen.flow > kLittleFlow * m.camera.width);
-  if (little || renew || !found->confirmed || seen.visible < m.options.min_visible ||
-      seen.flow > m.options.max_flow * m.camera.width) {
-    const double sharp = sharpness(grey_map(frame.image)), ratio = sharp / k.sharpness;
-    const auto as_the_last = [&] { return sharp > kAsSharp * sharpness(grey_map(m.previous.frame(m.camera).image)); };
-    if (little || ratio > (found->confirmed ? m.options.min_sharpness : kMuchSharper) ||
-        (found->confirmed && frame.depth.empty() && renew && as_the_last())) {
-      unroll_frame();
-      m.make_keyframe(frame, result.T_WC, origin, &*found, result);
+std::vector<MapPoint> Tracker::map() const {
+  std::vector<MapPoint> out;
+  for (const auto& [id, k] : impl_->keyframes.all()) {
+    const Map grey = grey_map(k.pixels.frame(impl_->camera).image);
+    for (size_t i = 0; i < k.features.uv.size(); ++i) {
+      const Eigen::Vector2d& uv = k.features.uv[i];
+      const Eigen::Vector3d X = k.T_WC * (impl_->camera.ray(uv) / k.features.inverse_depth[i]);
+      out.push_back({id, uv, X, grey.bilinear(uv.x(), uv.y())});
     }
   }
-  if (result.status == TrackStatus::tracked && found->confirmed && !k.seeds.empty()) {
-    const auto seeds_start = Clock::now();
-    unroll_frame();
-    m.look(k, frame, a);
-    result.keyframe_ms += milliseconds_since(seeds_start);
-  }
-  if (!m.lost) {
-    m.velocity = m.last->T_WC.inverse() * result.T_WC;
-    m.velocity_seconds = frame.time - m.last->time;
-  }
-  m.lost = false;
-  ++m.frames_tracked;
-  m.frames_lost = 0;
-  m.last = Impl::Last{frame.time, result.T_WC};
-  m.previous.keep(given);
-  m.previous_rate = rate;
-  m.previous_origin = origin;
-  return result;
+  return out;
 }
 
-int Tracker::keyframe_count() const { return impl_->keyframes.count(); }
-const SE3& Tracker::keyframe_pose(int id) const { return impl_->keyframes.pose(id); }
-const ReadoutEstimate& Tracker::readout() const { return impl_->readout; }
-const Keyframes& Tracker::keyframes() const { return impl_->keyframes; }
+Readout Tracker::readout() const {
+  const internal::ReadoutEstimate& estimate = impl_->unroller.state.readout;
+  return {estimate.seconds(), estimate.sigma()};
+}
 
 }  // namespace iclk

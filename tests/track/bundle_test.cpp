@@ -3,9 +3,9 @@
 
 #include <gtest/gtest.h>
 
-#include <iclk/track/bundle.h>
+#include <iclk/track/internal/bundle.h>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 const Camera kCamera{300, 300, 159.5, 119.5, 320, 240};
@@ -143,4 +143,4 @@ TEST(Bundle, NothingIsNothing) {
 }
 
 }  // namespace
-}  // namespace iclk
+}  // namespace iclk::internal

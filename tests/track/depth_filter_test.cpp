@@ -6,13 +6,15 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
-#include <iclk/track/depth_filter.h>
-#include <iclk/track/epipolar_search.h>
+#include <iclk/track/internal/depth_filter.h>
+#include <iclk/track/internal/epipolar_search.h>
 
 #include "relief.h"
 
 namespace iclk::test {
 namespace {
+
+using namespace internal;
 
 const Camera kCamera{500, 480, 319.5, 239.5, 640, 480};
 

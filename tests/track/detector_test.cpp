@@ -3,21 +3,23 @@
 
 #include <gtest/gtest.h>
 
-#include <iclk/track/detector.h>
+#include <iclk/track/internal/detector.h>
 
 #include "relief.h"
 
 namespace iclk::test {
 namespace {
 
+using namespace internal;
+
 struct Seen {
   Relief scene;
   Frame image = render(scene, 0);
   std::vector<float> depth = std::vector<float>(160 * 120, 4.0f);
   std::vector<uint8_t> mask = {};
-  Features detect(CornerSettings settings = {.count = 60}, const DepthNoise& noise = {}) const {
+  Features detect(int count = 60) const {
     const ImageView hidden = mask.empty() ? ImageView() : ImageView{mask.data(), 160, 120, 0, PixelFormat::r8};
-    return detect_corners(grey_map(image.view()), {depth.data(), 160, 120, 0, PixelFormat::r32f}, hidden, noise, settings);
+    return detect_corners(grey_map(image.view()), {depth.data(), 160, 120, 0, PixelFormat::r32f}, hidden, count, 16);
   }
 };
 
@@ -36,13 +38,6 @@ TEST(Detector, FeaturesAreSpreadAndApart) {
   for (const int n : quarters) EXPECT_GE(n, 10);
 }
 
-TEST(Detector, SensorsSayHowWrongTheyAre) {
-  const Seen seen;
-  const Features f = seen.detect({.count = 10}, {.constant = 0.002, .relative = 0.01});
-  ASSERT_EQ(f.inverse_depth_sigma.size(), 10u);
-  EXPECT_DOUBLE_EQ(f.inverse_depth_sigma[0], 0.002 + 0.01 * 0.25);
-}
-
 TEST(Detector, NoneWithoutDepthAndEdgesLast) {
   Seen seen;
   for (int v = 0; v < 120; ++v)
@@ -52,7 +47,7 @@ TEST(Detector, NoneWithoutDepthAndEdgesLast) {
       if (u < 70) z = none[(u + v) % 4];
       if (u > 110) z = 3;  // a step
     }
-  const Features f = seen.detect({.count = 25});
+  const Features f = seen.detect(25);
   EXPECT_EQ(f.size(), 25);
   for (const Eigen::Vector2d& uv : f.uv) EXPECT_TRUE(uv.x() >= 73 && (uv.x() <= 106 || uv.x() >= 114)) << uv.x();
 }
@@ -73,7 +68,7 @@ TEST(Detector, FlatImagesAndBadOnesHaveNone) {
   std::fill(seen.image.data.begin(), seen.image.data.end(), std::numeric_limits<float>::quiet_NaN());
   EXPECT_EQ(seen.detect().size(), 0);
   const std::vector<float> tiny(100, 1.0f);
-  EXPECT_EQ(detect_corners(Map(10, 10), {tiny.data(), 10, 10, 0, PixelFormat::r32f}, {}, {}, {}).size(), 0);
+  EXPECT_EQ(detect_corners(Map(10, 10), {tiny.data(), 10, 10, 0, PixelFormat::r32f}, {}, 200, 16).size(), 0);
 }
 
 }  // namespace

@@ -56,8 +56,8 @@ struct Flight {
 
 inline TrackerOptions options_for() {
   TrackerOptions options;
-  options.detector.count = 100;
-  options.depth_noise = {0, 0.001};
+  options.features = 100;
+  options.depth_sigma = {.relative = 0.001};
   options.window = 4;
   options.keyframes = 12;
   return options;

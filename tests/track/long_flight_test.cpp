@@ -10,7 +10,7 @@
 #include <iclk/align/device_aligner.h>
 #include <iclk/render/procedural.h>
 #include <iclk/render/renderer.h>
-#include <iclk/track/tracker.h>
+#include <iclk/track/internal/tracker_impl.h>
 
 #include "device.h"
 
@@ -47,10 +47,10 @@ TEST(LongFlight, MemoryDoesNotGrow) {
     views.push_back(renderer.render(camera, truth.back()));
   }
   TrackerOptions options;
-  options.detector.count = 60;
-  options.detector.border = 6;
+  options.features = 60;
+  options.border = 6;
   options.min_inliers = 10;
-  options.depth_noise = {0, 0.001};
+  options.depth_sigma = {.relative = 0.001};
   options.keyframes = 6;
   options.window = 3;
   AlignerOptions how;
@@ -76,7 +76,7 @@ TEST(LongFlight, MemoryDoesNotGrow) {
   EXPECT_EQ(lost, 0);
   EXPECT_LT(step, 10) << "a step is 6.3 m";
   EXPECT_GT(tracker.keyframe_count(), 3 * options.keyframes);
-  EXPECT_EQ(tracker.keyframes().size(), options.keyframes);
+  EXPECT_EQ(tracker.internals().keyframes.size(), options.keyframes);
   EXPECT_LT(resident(), before + (size_t{4} << 20) + 200 * static_cast<size_t>(tracker.keyframe_count()));
   // A pose a keyframe is what is kept of those that left; sightings differ from window to window.
   EXPECT_LT(tracker.state().size(), state_before + 300 * static_cast<size_t>(tracker.keyframe_count()) + 200000);

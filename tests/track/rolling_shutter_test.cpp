@@ -10,13 +10,16 @@
 #include <iclk/align/device_aligner.h>
 #include <iclk/render/procedural.h>
 #include <iclk/render/renderer.h>
-#include <iclk/track/rolling_shutter.h>
+#include <iclk/track/internal/turn_rate.h>
+#include <iclk/track/internal/unroll.h>
 #include <iclk/track/tracker.h>
 
 #include "device.h"
 
 namespace iclk::test {
 namespace {
+
+using namespace internal;
 
 Eigen::Matrix3d rotation(const Eigen::Vector3d& phi) {
   return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
@@ -244,8 +247,8 @@ struct Shaken {
 
 Shaken track_shaken(const ShakenFlight& flight, double readout, double depth_sigma = 0.001) {
   TrackerOptions options;
-  options.detector.count = 100;
-  options.depth_noise = {0, depth_sigma};
+  options.features = 100;
+  options.depth_sigma = {.relative = depth_sigma};
   options.window = 4;
   options.keyframes = 8;
   options.readout = readout;
@@ -261,7 +264,7 @@ Shaken track_shaken(const ShakenFlight& flight, double readout, double depth_sig
     const SE3 truth = flight.pose(0).inverse() * flight.pose(ShakenFlight::kStep * i);
     out.error = std::max(out.error, r.status == TrackStatus::lost ? 1000 : (r.T_WC.t - truth.t).norm());
   }
-  out.readout = tracker.readout().seconds();
+  out.readout = tracker.readout().seconds;
   return out;
 }
 

@@ -1,4 +1,6 @@
 // A flight over terrain made in code, with exact depth and poses, and what goes wrong on flights.
+#include <iclk/track/internal/tracker_impl.h>
+
 #include "flight.h"
 
 namespace iclk::test {
@@ -173,7 +175,7 @@ TEST(Tracker, DepthOfTheFirstFrameIsEnough) {
   // Seeds became features: more than were carried over from the first keyframe, in places that it did not see.
   int beyond = 0;
   std::vector<double> errors;
-  const Keyframe& last = t.tracker.keyframes().all().rbegin()->second;
+  const internal::Keyframe& last = t.tracker.internals().keyframes.all().rbegin()->second;
   const SE3& origin = Flight::get().truth[0];
   const auto frame = static_cast<size_t>(std::lround(last.time / 0.1));
   for (size_t i = 0; i < last.features.uv.size(); ++i) {
@@ -204,9 +206,10 @@ TEST(Tracker, MemoryIsBounded) {
     EXPECT_LT(t.error(r, i), 0.3) << i;
   }
   EXPECT_GT(t.tracker.keyframe_count(), 4);
-  EXPECT_EQ(t.tracker.keyframes().size(), 3);
-  for (const auto& [id, k] : t.tracker.keyframes().all())
-    for (const auto& [seen_in, features] : k.sightings) EXPECT_TRUE(t.tracker.keyframes().all().count(seen_in)) << id;
+  const auto& held = t.tracker.internals().keyframes.all();
+  EXPECT_EQ(held.size(), 3u);
+  for (const auto& [id, k] : held)
+    for (const auto& [seen_in, features] : k.sightings) EXPECT_TRUE(held.count(seen_in)) << id;
 }
 
 TEST(Tracker, AStateGoesOnToTheBit) {
@@ -222,7 +225,7 @@ TEST(Tracker, AStateGoesOnToTheBit) {
     stopped.track(frame(i));
   }
   size_t seeds = 0;
-  for (const auto& [id, k] : stopped.tracker.keyframes().all()) seeds += k.seeds.size();
+  for (const auto& [id, k] : stopped.tracker.internals().keyframes.all()) seeds += k.seeds.size();
   EXPECT_GT(seeds, 20u);
   const std::vector<uint8_t> state = stopped.tracker.state();
   EXPECT_EQ(whole.tracker.state(), state);
@@ -277,12 +280,12 @@ TEST(Tracker, WhatCannotBeTrackedIsRefused) {
   TrackerOptions bad = options_for();
   bad.window = 0;
   EXPECT_THROW(Tracker(*t.aligner, Flight::get().camera, bad), Error);
-  for (const DepthNoise noise : {DepthNoise{}, DepthNoise{-0.001, 0.01}, DepthNoise{NAN, 0}}) {
+  for (const DepthSigma sigma : {DepthSigma{}, DepthSigma{.constant = -0.001, .relative = 0.01}, DepthSigma{.constant = NAN}}) {
     bad = options_for();
-    bad.depth_noise = noise;
+    bad.depth_sigma = sigma;
     EXPECT_THROW(bad.check(), Error);
   }
-  EXPECT_EQ(TrackerOptions().depth_noise.constant, parse_depth_sigma("structured-light").constant);
+  EXPECT_EQ(TrackerOptions().depth_sigma.constant, parse_depth_sigma("structured-light").constant);
   bad = options_for();
   bad.keyframes = 100;  // more than the aligner has slots
   EXPECT_THROW(Tracker(*t.aligner, Flight::get().camera, bad), Error);

@@ -65,8 +65,7 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
     noise = frames.stereo() && options.frames.depth.empty()
                 ? fmt::format("stereo:{},{}", kStereoSigma, frames.stereo()->baseline())
                 : "structured-light";
-  const DepthSigma sigma = parse_depth_sigma(noise);
-  options.tracker.depth_noise = {sigma.constant + sigma.disparity / std::abs(frames.camera().fx), sigma.relative};
+  options.tracker.depth_sigma = parse_depth_sigma(noise);
   if (command.readout != "auto") {
     const auto ms = to_number(command.readout);
     if (!ms) throw Error(ErrorCode::invalid_argument, "--readout " + command.readout + ": a number of ms or auto expected");
@@ -159,7 +158,7 @@ void add_track(CLI::App& app, int& exit, TrackPeers peers) {
       ->capture_default_str()
       ->check(CLI::Range(0.0, 1.0));
   command->option_defaults()->group("Tracking");
-  command->add_option("--count", tracker.detector.count, "Features a keyframe")->capture_default_str();
+  command->add_option("--count", tracker.features, "Features a keyframe")->capture_default_str();
   command
       ->add_option("--seeds", tracker.seeds,
                    "Places a keyframe whose depth the frames that follow tell, where the sensor has too little; 0: none, and "

@@ -97,23 +97,17 @@ TrackResult parse_frame_json(std::string_view text) {
   }
 }
 
-std::string map_ply(const Tracker& tracker, const Camera& camera) {
+std::string map_ply(const Tracker& tracker) {
+  const std::vector<MapPoint> map = tracker.map();
   std::string points;
-  int count = 0;
-  for (const auto& [id, k] : tracker.keyframes().all()) {
-    const Map grey = grey_map(k.pixels.frame(camera).image);
-    for (size_t i = 0; i < k.features.uv.size(); ++i) {
-      const Eigen::Vector2d& uv = k.features.uv[i];
-      const Eigen::Vector3d X = k.T_WC * (camera.ray(uv) / k.features.inverse_depth[i]);
-      const int value = std::clamp(static_cast<int>(std::lround(255 * grey.bilinear(uv.x(), uv.y()))), 0, 255);
-      points += fmt::format("{:.6g} {:.6g} {:.6g} {} {} {}\n", X.x(), X.y(), X.z(), value, value, value);
-      ++count;
-    }
+  for (const MapPoint& p : map) {
+    const int value = std::clamp(static_cast<int>(std::lround(255 * p.grey)), 0, 255);
+    points += fmt::format("{:.6g} {:.6g} {:.6g} {} {} {}\n", p.X.x(), p.X.y(), p.X.z(), value, value, value);
   }
   return fmt::format(
              "ply\nformat ascii 1.0\ncomment iclk track\nelement vertex {}\nproperty float x\nproperty float y\n"
              "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
-             count) +
+             map.size()) +
          points;
 }
 

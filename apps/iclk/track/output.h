@@ -29,7 +29,7 @@ std::string kitti_text(std::span<const TrackedFrame> frames);
 std::string frame_json(const TrackResult& result);
 TrackResult parse_frame_json(std::string_view line);
 /// The held keyframes' features in the map, grey values as colours: an ASCII PLY.
-std::string map_ply(const Tracker& tracker, const Camera& camera);
+std::string map_ply(const Tracker& tracker);
 /// PNG of the way from above (the two directions in which it is longest) with keyframes and the truth.
 std::string path_png(std::span<const TrackedFrame> frames, const std::vector<SE3>& keyframes, const TrackErrors* errors);
 

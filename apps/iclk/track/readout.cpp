@@ -10,7 +10,7 @@ namespace {
 constexpr int kReadoutRounds = 5;
 constexpr double kSameReadout = 1e-3;   ///< s
 constexpr double kHalfReadout = 0.015;  ///< s: about half of what cameras need
-constexpr double kMostReadout = 0.1;    ///< s: ReadoutEstimate knows no longer ones
+constexpr double kMostReadout = 0.1;    ///< s: features tell of no longer ones
 /// Of what features say over what is used. Steeper ones make much of the errors of both, and beyond the readout features follow
 /// what is used, right or wrong.
 constexpr double kMostSlope = 0.33;

@@ -12,7 +12,6 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/output.h>
-#include <iclk/track/rolling_shutter.h>
 
 #include "apps/iclk/common/version.h"
 #include "apps/iclk/track/journal.h"
@@ -34,6 +33,7 @@ constexpr std::array<const char*, 3> kSolvers = {"host", "device", "cpu"};  // b
 nlohmann::ordered_json options_of(const TrackRunOptions& options, const RecordedFrames& frames, const TrackerOptions& tracker) {
   const Camera& c = frames.camera();
   const FramesOptions& f = options.frames;
+  const DepthSigma& d = tracker.depth_sigma;
   return {{"version", version()},
           {"FOLDER", absolute(f.folder)},
           {"--first", f.first},
@@ -44,13 +44,13 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--depth", absolute(f.depth)},
           {"--depth-scale", f.depth_scale},
           {"--depth-along-ray", f.depth_along_ray},
-          {"--depth-sigma", {tracker.depth_noise.constant, tracker.depth_noise.relative}},
+          {"--depth-sigma", {d.constant, d.disparity, d.relative}},
           {"--depth-every", f.depth_every},
           {"--depth-holes", f.depth_holes},
           {"--mask", absolute(f.mask)},
           {"--model", options.model},
           {"--solver", kSolvers.at(static_cast<size_t>(options.solver))},
-          {"--count", tracker.detector.count},
+          {"--count", tracker.features},
           {"--seeds", tracker.seeds},
           {"--keyframes", tracker.keyframes},
           {"--window", tracker.window},
@@ -58,8 +58,8 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--readout", tracker.readout}};
 }
 
-void write_results(const TrackRunOptions& options, const Tracker& tracker, const Camera& camera,
-                   const std::vector<TrackedFrame>& frames, const TrackReport& report) {
+void write_results(const TrackRunOptions& options, const Tracker& tracker, const std::vector<TrackedFrame>& frames,
+                   const TrackReport& report) {
   const auto write = [&](const char* name, const std::string& text) {
     write_file((std::filesystem::path(options.out) / name).string(), text);
   };
@@ -79,7 +79,7 @@ void write_results(const TrackRunOptions& options, const Tracker& tracker, const
   write("trajectory.txt", tum_text(frames));
   write("trajectory_kitti.txt", kitti_text(frames));
   write("keyframes.txt", tum_text(keyframes));
-  write("map.ply", map_ply(tracker, camera));
+  write("map.ply", map_ply(tracker));
   write("path.png", path_png(frames, poses, report.adjusted ? &*report.adjusted : nullptr));
 }
 
@@ -163,8 +163,8 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   report.doubled = frames.doubled();
   report.keyframes = tracker.keyframe_count();
   report.readout_used = how.readout;
-  report.readout = tracker.readout().seconds();
-  report.readout_sigma = tracker.readout().sigma();
+  report.readout = tracker.readout().seconds;
+  report.readout_sigma = tracker.readout().sigma;
   std::vector<PosePair> live_pairs, adjusted_pairs;
   report.elsewhere = keep_largest_map(tracked);
   for (TrackedFrame& t : tracked) {
@@ -179,7 +179,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
     report.live = track_errors(live_pairs);
     report.adjusted = track_errors(adjusted_pairs);
   }
-  if (!options.out.empty()) write_results(options, tracker, frames.camera(), tracked, report);
+  if (!options.out.empty()) write_results(options, tracker, tracked, report);
   journal.finish();
   return report;
 }

@@ -50,7 +50,7 @@ struct TrackReport {
   /// A frame was told its way from another one.
   bool found() const { return frames == 1 ? lost == 0 : frames - lost - elsewhere > 1; }
   double readout_used = 0;                              ///< s: TrackerOptions::readout
-  double readout = 0, readout_sigma = 0;                ///< s: what the features say of it (ReadoutEstimate)
+  double readout = 0, readout_sigma = 0;                ///< s: what the features say of it
   double align_ms = 0, keyframe_ms = 0, bundle_ms = 0;  ///< sums
   std::optional<TrackErrors> live, adjusted;            ///< as they were answered, and by the keyframes' last poses
 };

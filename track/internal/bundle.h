@@ -7,7 +7,7 @@
 #include <iclk/align/camera.h>
 #include <iclk/align/se3.h>
 
-namespace iclk {
+namespace iclk::internal {
 
 /// A keyframe of a bundle: its pose, and its features with what is known of their inverse depths.
 struct BundleFrame {
@@ -33,15 +33,14 @@ struct BundleEdge {
 };
 
 struct BundleOptions {
-  double floor = 0.2;         ///< px: what a sharp sighting is still wrong by, a floor of every covariance
-  double cauchy_scale = 2.0;  ///< a residual of so many standard deviations has half the weight
+  double floor = 0.2;  ///< px: what a sharp sighting is still wrong by, a floor of every covariance
   int iterations = 12;
 };
 
 struct BundleResult {
   bool usable = false;  ///< the frames were changed
   double initial_cost = 0, cost = 0;
-  int iterations = 0, sightings = 0;
+  int sightings = 0;
 };
 
 /// Poses and inverse depths of all frames together:
@@ -53,4 +52,4 @@ struct BundleResult {
 BundleResult adjust(const Camera& camera, std::span<BundleFrame> frames, std::span<const BundleSighting> sightings,
                     std::span<const BundleEdge> edges = {}, const BundleOptions& options = {});
 
-}  // namespace iclk
+}  // namespace iclk::internal

@@ -1,34 +1,19 @@
-#include <iclk/track/rolling_shutter.h>
+#include <iclk/track/internal/unroll.h>
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <type_traits>
 #include <vector>
 
 #include <Eigen/Geometry>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 /// Between nodes of a grid the source is interpolated: over so few pixels the way of a turning camera is straight.
 constexpr int kCell = 16;
 constexpr int kRounds = 3;  // row of the source and the camera's turn at that row, in turns
 constexpr double kLeastZ = 1e-3;
-/// Changes of a camera's rate: that are counted, that tell something, and the least that is believed. rad/s.
-constexpr int kChanges = 30, kLeastChanges = 3;
-constexpr double kLeastChange = 0.01;
-/// rad/s: how far a hand turns a camera otherwise than the frame before let it be.
-constexpr double kHandSigma = 1;
-
-/// A camera that turns slower says nothing of its readout. rad/s.
-constexpr double kLeastRate = 0.2;
-/// rad: what is wrong in turns besides the positions.
-constexpr double kTurnNoise = 2e-3;
-/// s: a bin of the frames' votes, kVotes of them on each side of zero.
-constexpr double kVote = 5e-4;
-constexpr int kVotes = 200;
-constexpr double kLeastFrames = 5;
 
 Eigen::Matrix3d turned(const Eigen::Vector3d& phi) {
   return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
@@ -100,8 +85,8 @@ void sample_row(const ImageView& image, const std::vector<Source>& sources, T* o
     const float w[4] = {(1 - b) * (1 - a), (1 - b) * a, b * (1 - a), b * a};
     for (int c = 0; c < kChannels; ++c) {
       const auto at = [&](const T* row, int x) { return static_cast<float>(row[x + c]); };
-      const float value = w[0] * at(above, u0 * kChannels) + w[1] * at(above, u1) + w[2] * at(below, u0 * kChannels) +
-                          w[3] * at(below, u1);
+      const float value =
+          w[0] * at(above, u0 * kChannels) + w[1] * at(above, u1) + w[2] * at(below, u0 * kChannels) + w[3] * at(below, u1);
       *out++ = std::is_floating_point_v<T> ? static_cast<T>(value) : static_cast<T>(value + 0.5f);
     }
   }
@@ -165,52 +150,4 @@ Eigen::Vector2d unrolled_anew(const Camera& camera, const RowTimes& rows, const 
   return camera.project(turned(to * rows.at(read)) * camera.ray(read));
 }
 
-TurnRate TurnRate::with(const Eigen::Vector3d& other, const Eigen::Matrix3d& covariance) const {
-  const Eigen::Matrix3d W = covariance.inverse(), sum = (W + Eigen::Matrix3d::Identity() / (sigma * sigma)).inverse();
-  return {sum * (W * other + rate / (sigma * sigma)), std::sqrt(sum.trace() / 3)};
-}
-
-void RateChanges::add(const Eigen::Vector3d& rate) {
-  if (follows_) {
-    count_ = std::min(count_ + 1, kChanges);
-    square_ += ((rate - last_).squaredNorm() / 3 - square_) / count_;
-  }
-  last_ = rate;
-  follows_ = true;
-}
-
-double RateChanges::sigma() const { return count_ < kLeastChanges ? kHandSigma : std::max(std::sqrt(square_), kLeastChange); }
-
-ReadoutEstimate::ReadoutEstimate() : votes_(static_cast<size_t>(2 * kVotes)) {}
-
-void ReadoutEstimate::add(const Eigen::Vector3d& turn, double sigma, const Eigen::Vector3d& rate) {
-  if (!(rate.norm() > kLeastRate) || !turn.allFinite()) return;
-  const double seconds = turn.dot(rate) / rate.squaredNorm(), noise = std::hypot(sigma, kTurnNoise);
-  const auto bin = static_cast<int>(std::floor(seconds / kVote)) + kVotes;
-  const double weight = rate.squaredNorm() / (noise * noise);
-  votes_[static_cast<size_t>(std::clamp(bin, 0, 2 * kVotes - 1))] += weight;
-  weight_ += weight;
-  weight2_ += weight * weight;
-}
-
-/// Within the bin as if its votes lay evenly.
-double ReadoutEstimate::quantile(double share) const {
-  double below = 0;
-  for (size_t i = 0; i < votes_.size(); ++i) {
-    if (votes_[i] > 0 && below + votes_[i] >= share * weight_)
-      return (static_cast<double>(i) - kVotes + (share * weight_ - below) / votes_[i]) * kVote;
-    below += votes_[i];
-  }
-  return 0;
-}
-
-double ReadoutEstimate::seconds() const { return quantile(0.5); }
-
-double ReadoutEstimate::sigma() const {
-  const double frames = weight_ > 0 ? weight_ * weight_ / weight2_ : 0;  // that count
-  if (frames < kLeastFrames) return std::numeric_limits<double>::infinity();
-  const double spread = (quantile(0.84) - quantile(0.16)) / 2;
-  return 1.25 * spread / std::sqrt(frames);  // of a median
-}
-
-}  // namespace iclk
+}  // namespace iclk::internal

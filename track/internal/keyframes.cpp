@@ -1,56 +1,19 @@
-#include <iclk/track/keyframes.h>
+#include <iclk/track/internal/keyframes.h>
 
 #include <algorithm>
-#include <cstring>
 
 #include <iclk/shaders/shared.h>
-#include <iclk/track/tracker.h>
 
-namespace iclk {
-namespace {
-
-template <class T>
-void copy_rows(const ImageView& image, std::vector<T>& to) {
-  to.clear();
-  if (image.empty()) return;
-  const size_t row = static_cast<size_t>(image.width) * bytes_per_pixel(image.format);
-  to.resize(row * static_cast<size_t>(image.height) / sizeof(T));
-  for (int v = 0; v < image.height; ++v)
-    std::memcpy(reinterpret_cast<uint8_t*>(to.data()) + row * static_cast<size_t>(v), image.row(v), row);
-}
-
-}  // namespace
-
-void FramePixels::keep(const TrackFrame& frame) {
-  time = frame.time;
-  format = frame.image.format;
-  copy_rows(frame.image, image);
-  copy_rows(frame.depth, depth);
-  copy_rows(frame.mask, mask);
-}
-
-TrackFrame FramePixels::frame(const Camera& camera) const {
-  const auto view = [&](const auto& pixels, PixelFormat f) {
-    return pixels.empty() ? ImageView{} : ImageView{pixels.data(), camera.width, camera.height, 0, f};
-  };
-  return {time, view(image, format), view(depth, PixelFormat::r32f), view(mask, PixelFormat::r8)};
-}
-
-double sharpness(const Map& grey) {
-  const Map half = half_size(grey);
-  double sum = 0;
-  for (int v = 1; v + 1 < half.height; ++v)
-    for (int u = 1; u + 1 < half.width; ++u) {
-      const double gu = half.at(u + 1, v) - half.at(u - 1, v), gv = half.at(u, v + 1) - half.at(u, v - 1);
-      sum += gu * gu + gv * gv;
-    }
-  return sum;
-}
+namespace iclk::internal {
 
 double mean_inverse_depth(const Keyframe& keyframe) {
   double sum = 0;
   for (const double q : keyframe.features.inverse_depth) sum += q;
   return sum / static_cast<double>(keyframe.features.inverse_depth.size());
+}
+
+bool inside(const Camera& camera, const Eigen::Vector2d& uv, double border) {
+  return uv.x() >= border && uv.y() >= border && uv.x() <= camera.width - 1 - border && uv.y() <= camera.height - 1 - border;
 }
 
 Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC) {
@@ -62,10 +25,7 @@ Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC)
     const Eigen::Vector3d p = T_10.R * camera.ray(keyframe.features.uv[i]) + q * T_10.t;
     if (!(p.z() > 1e-3)) continue;
     const Eigen::Vector2d uv = camera.project(p);
-    constexpr double kBorder = ICLK_PATCH / 2;
-    if (!(uv.x() >= kBorder && uv.y() >= kBorder && uv.x() <= camera.width - 1 - kBorder &&
-          uv.y() <= camera.height - 1 - kBorder))
-      continue;
+    if (!inside(camera, uv, ICLK_PATCH / 2)) continue;
     ++visible;
     out.flow += (uv - keyframe.features.uv[i]).norm();
   }
@@ -75,15 +35,23 @@ Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC)
   return out;
 }
 
+Pair pair_of(const Keyframe& keyframe, const TrackFrame& frame, const SE3& T_WC, bool search) {
+  return {.reference = keyframe.slot,
+          .target = frame.image,
+          .T_10 = T_WC.inverse() * keyframe.T_WC,
+          .prior = {},
+          .search = search,
+          .target_mask = frame.mask};
+}
+
 Keyframe& Keyframes::add(double time, const SE3& T_WC) {
   int slot = size();
-  if (size() == capacity_) {
+  if (const int gone = leaving(); gone >= 0) {
     slot = held_.begin()->second.slot;
-    const int gone = held_.begin()->first;
     held_.erase(held_.begin());
     for (auto& [id, keyframe] : held_) keyframe.sightings.erase(gone);
   }
-  const int id = count();
+  const auto id = static_cast<int>(poses_.size());
   poses_.push_back(T_WC);
   Keyframe& keyframe = held_[id];
   keyframe.id = id;
@@ -91,6 +59,16 @@ Keyframe& Keyframes::add(double time, const SE3& T_WC) {
   keyframe.time = time;
   keyframe.T_WC = T_WC;
   return keyframe;
+}
+
+void Keyframes::prepare(const Keyframe& k) {
+  aligner_.set_reference(
+      k.slot, {.image = k.pixels.frame(camera_).image, .camera = camera_, .features = k.features, .inverse_depth = {}});
+}
+
+void Keyframes::restore(std::map<int, Keyframe> held, std::vector<SE3> poses) {
+  held_ = std::move(held);
+  poses_ = std::move(poses);
 }
 
 Keyframe* Keyframes::find(int id) {
@@ -103,15 +81,15 @@ void Keyframes::set_pose(int id, const SE3& T_WC) {
   if (Keyframe* keyframe = find(id)) keyframe->T_WC = T_WC;
 }
 
-std::vector<int> Keyframes::best(const Camera& camera, const SE3& T_WC, size_t count, double least) const {
+std::vector<int> Keyframes::best(const SE3& T_WC, size_t count, double least) const {
   struct Ranked {
     double score;
     int id;
   };
   std::vector<Ranked> ranked;
   for (const auto& [id, keyframe] : held_) {
-    const Overlap o = overlap(camera, keyframe, T_WC);
-    if (o.visible >= least) ranked.push_back({o.visible - o.flow / camera.width, id});
+    const Overlap o = overlap(camera_, keyframe, T_WC);
+    if (o.visible >= least) ranked.push_back({o.visible - o.flow / camera_.width, id});
   }
   std::stable_sort(ranked.begin(), ranked.end(),
                    [](const Ranked& a, const Ranked& b) { return a.score != b.score ? a.score > b.score : a.id > b.id; });
@@ -121,4 +99,4 @@ std::vector<int> Keyframes::best(const Camera& camera, const SE3& T_WC, size_t c
   return ids;
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

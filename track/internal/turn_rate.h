@@ -3,22 +3,7 @@
 
 #include <Eigen/Core>
 
-#include <iclk/align/camera.h>
-#include <iclk/refine/rolling_shutter.h>
-#include <iclk/track/keyframes.h>
-#include <iclk/track/tracker.h>
-
-namespace iclk {
-
-/// The frame as a camera sees it that reads all its rows at once, at the frame's time. `turn`: rotation vector of the camera's
-/// motion while its rows were read, rad, in its own axes; taken as even. `rows`: when it saw the frame's pixels. What the
-/// camera shifts meanwhile stays in: it would need the depth of every pixel. Image: bilinear. Depth, as rolling as the image,
-/// and mask: nearest. Where the source has nothing the mask is 0; without one in `frame`, so it is made.
-void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn, FramePixels& out);
-
-/// Where a pixel of an image that was unrolled with the turn `from` is found in one that is unrolled with `to`.
-Eigen::Vector2d unrolled_anew(const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& from,
-                              const Eigen::Vector3d& to, const Eigen::Vector2d& uv);
+namespace iclk::internal {
 
 /// How fast a camera turns: rad/s, in its axes, `sigma` an axis.
 struct TurnRate {
@@ -57,12 +42,12 @@ class ReadoutEstimate {
   /// `turn`: rad, in all, of standard deviation `sigma` an axis; `rate`: rad/s, of the same camera at that time.
   void add(const Eigen::Vector3d& turn, double sigma, const Eigen::Vector3d& rate);
   double seconds() const;  ///< weighted median of the frames
+  double sigma() const;    ///< s, from how the frames scatter; infinite for too few
   /// Calls f(value...) with all that it knows, to be kept or set.
   template <class F>
   void archive(const F& f) {
     f(votes_, weight_, weight2_);
   }
-  double sigma() const;  ///< s, from how the frames scatter; infinite for too few
 
  private:
   double quantile(double share) const;
@@ -71,4 +56,4 @@ class ReadoutEstimate {
   double weight_ = 0, weight2_ = 0;
 };
 
-}  // namespace iclk
+}  // namespace iclk::internal

@@ -6,7 +6,7 @@
 #include <iclk/align/camera.h>
 #include <iclk/align/se3.h>
 
-namespace iclk {
+namespace iclk::internal {
 
 /// What one frame says of a feature's inverse depth.
 struct DepthSighting {
@@ -25,6 +25,9 @@ struct DepthSighting {
 std::optional<DepthSighting> triangulate(const Camera& camera, const Eigen::Vector2d& uv0, const SE3& T_10,
                                          const Eigen::Vector2d& uv1, const Eigen::Matrix2d& covariance,
                                          const Matrix6d& pose_covariance = Matrix6d::Zero());
+
+/// The same without noise: q of r + q t on the ray, by least squares.
+double inverse_depth_at(const Eigen::Vector3d& r, const Eigen::Vector3d& t, const Eigen::Vector3d& ray1);
 
 /// px per unit of inverse depth: how far the feature moves in image 1 with its inverse depth, |J_q|; 0 behind the camera.
 double parallax(const Camera& camera, const Eigen::Vector2d& uv0, double q, const SE3& T_10);
@@ -51,4 +54,4 @@ struct DepthFilter {
   double inlier_share() const { return a / (a + b); }
 };
 
-}  // namespace iclk
+}  // namespace iclk::internal

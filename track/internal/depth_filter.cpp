@@ -1,4 +1,4 @@
-#include <iclk/track/depth_filter.h>
+#include <iclk/track/internal/depth_filter.h>
 
 #include <cmath>
 
@@ -6,7 +6,7 @@
 
 #include <iclk/refine/pose.h>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 constexpr double kLeastDepth = 1e-3;  // of the point in camera 1, times its inverse depth
@@ -14,14 +14,18 @@ constexpr int kSteps = 3;             // weights of the linear solution are near
 
 }  // namespace
 
+double inverse_depth_at(const Eigen::Vector3d& r, const Eigen::Vector3d& t, const Eigen::Vector3d& ray1) {
+  // (r + q t) x ray1 = 0 is linear in q.
+  const Eigen::Vector2d rest(r.x() - ray1.x() * r.z(), r.y() - ray1.y() * r.z());
+  const Eigen::Vector2d slope(t.x() - ray1.x() * t.z(), t.y() - ray1.y() * t.z());
+  return -rest.dot(slope) / slope.squaredNorm();
+}
+
 std::optional<DepthSighting> triangulate(const Camera& camera, const Eigen::Vector2d& uv0, const SE3& T_10,
                                          const Eigen::Vector2d& uv1, const Eigen::Matrix2d& covariance,
                                          const Matrix6d& pose_covariance) {
   const Eigen::Vector3d r = T_10.R * camera.ray(uv0), ray1 = camera.ray(uv1), &t = T_10.t;
-  // p x ray1 = 0 is linear in q.
-  const Eigen::Vector2d rest(r.x() - ray1.x() * r.z(), r.y() - ray1.y() * r.z());
-  const Eigen::Vector2d slope(t.x() - ray1.x() * t.z(), t.y() - ray1.y() * t.z());
-  double q = -rest.dot(slope) / slope.squaredNorm();
+  double q = inverse_depth_at(r, t, ray1);
   DepthSighting out;
   for (int step = 0; step < kSteps; ++step) {
     const Eigen::Vector3d p = r + q * t;
@@ -75,4 +79,4 @@ void DepthFilter::add(double x, double sigma_x) {
   b = a * (1 - f) / f;
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

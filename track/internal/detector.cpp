@@ -1,4 +1,4 @@
-#include <iclk/track/detector.h>
+#include <iclk/track/internal/detector.h>
 
 #include <algorithm>
 #include <cmath>
@@ -6,8 +6,12 @@
 
 #include <iclk/shaders/shared.h>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
+
+constexpr double kLeastTexture = 1e-5;  // smaller eigenvalue of the mean gradient matrix, (grey / px)^2
+/// Of its depth, that a patch's depths may have; beyond it is a depth edge, and taken last.
+constexpr double kSpread = 0.05;
 
 /// Sums of 7x7 products of gradients give the smaller eigenvalue of their mean matrix, at every pixel.
 Map texture_of(const Map& grey) {
@@ -47,13 +51,8 @@ Map texture_of(const Map& grey) {
   return out;
 }
 
-double depth_at(const ImageView& depth, int u, int v) {
-  const float z = reinterpret_cast<const float*>(depth.row(v))[u];
-  return std::isfinite(z) && z > 0 ? z : 0;
-}
-
 /// Whether the patch about a pixel has depth everywhere, and one.
-bool smooth(const ImageView& depth, int u, int v, double spread) {
+bool smooth(const ImageView& depth, int u, int v) {
   double low = INFINITY, high = 0;
   for (int y = v - ICLK_PATCH_BEFORE; y < v - ICLK_PATCH_BEFORE + ICLK_PATCH; ++y)
     for (int x = u - ICLK_PATCH_BEFORE; x < u - ICLK_PATCH_BEFORE + ICLK_PATCH; ++x) {
@@ -61,7 +60,7 @@ bool smooth(const ImageView& depth, int u, int v, double spread) {
       low = std::min(low, z);
       high = std::max(high, z);
     }
-  return low > 0 && high - low <= spread * depth_at(depth, u, v);
+  return low > 0 && high - low <= kSpread * depth_at(depth, u, v);
 }
 
 struct Corner {
@@ -82,10 +81,10 @@ bool peak(const Map& texture, int u, int v) {
 /// Per cell of a lattice the corners with the most texture, round by round; those that `admit` says are edges come last. Places
 /// near `taken` stay free.
 template <class Admit>
-std::vector<Eigen::Vector2d> pick(const Map& grey, int count, const CornerSettings& settings,
-                                  std::vector<Eigen::Vector2d> taken, const Admit& admit) {
+std::vector<Eigen::Vector2d> pick(const Map& grey, int count, int wanted_border, std::vector<Eigen::Vector2d> taken,
+                                  const Admit& admit) {
   const int w = grey.width, h = grey.height;
-  const int border = std::max(ICLK_PATCH, std::min(settings.border, std::min(w, h) / 4));
+  const int border = std::max(ICLK_PATCH, std::min(wanted_border, std::min(w, h) / 4));
   if (w <= 2 * border || h <= 2 * border || count < 1) return {};
   const Map texture = texture_of(grey);
   const double inner_w = w - 2 * border, inner_h = h - 2 * border;
@@ -94,7 +93,7 @@ std::vector<Eigen::Vector2d> pick(const Map& grey, int count, const CornerSettin
   std::vector<std::vector<Corner>> cells(static_cast<size_t>(columns) * static_cast<size_t>(rows));
   for (int v = border; v < h - border; ++v)
     for (int u = border; u < w - border; ++u) {
-      if (!(texture.at(u, v) > settings.texture)) continue;
+      if (!(texture.at(u, v) > kLeastTexture)) continue;
       const std::optional<bool> edge = admit(u, v);
       if (!edge || !peak(texture, u, v)) continue;
       const auto column = static_cast<size_t>((u - border) * columns / (w - 2 * border));
@@ -106,7 +105,7 @@ std::vector<Eigen::Vector2d> pick(const Map& grey, int count, const CornerSettin
                      [](const Corner& a, const Corner& b) { return a.edge != b.edge ? b.edge : a.texture > b.texture; });
   const auto is_free = [&](const Corner& c) {
     return std::none_of(taken.begin(), taken.end(), [&](const Eigen::Vector2d& p) {
-      return std::max(std::abs(p.x() - c.u), std::abs(p.y() - c.v)) < settings.distance;
+      return std::max(std::abs(p.x() - c.u), std::abs(p.y() - c.v)) < kCornerDistance;
     });
   };
   const size_t before = taken.size(), most = before + static_cast<size_t>(count);
@@ -138,28 +137,28 @@ bool seen(const ImageView& mask, int u, int v) {
 
 }  // namespace
 
-Features detect_corners(const Map& grey, const ImageView& depth, const ImageView& mask, const DepthNoise& noise,
-                        const CornerSettings& settings) {
+double depth_at(const ImageView& depth, int u, int v) {
+  const float z = reinterpret_cast<const float*>(depth.row(v))[u];
+  return std::isfinite(z) && z > 0 ? z : 0;
+}
+
+Features detect_corners(const Map& grey, const ImageView& depth, const ImageView& mask, int count, int border) {
   Features out;
-  out.uv = pick(grey, settings.count, settings, {}, [&](int u, int v) -> std::optional<bool> {
+  out.uv = pick(grey, count, border, {}, [&](int u, int v) -> std::optional<bool> {
     if (depth_at(depth, u, v) == 0 || !seen(mask, u, v)) return {};
-    return !smooth(depth, u, v, settings.spread);
+    return !smooth(depth, u, v);
   });
-  for (const Eigen::Vector2d& uv : out.uv) {
-    const double q = 1 / depth_at(depth, static_cast<int>(uv.x()), static_cast<int>(uv.y())), sigma = noise.sigma(q);
-    out.inverse_depth.push_back(q);
-    if (sigma > 0) out.inverse_depth_sigma.push_back(sigma);
-  }
+  for (const Eigen::Vector2d& uv : out.uv)
+    out.inverse_depth.push_back(1 / depth_at(depth, static_cast<int>(uv.x()), static_cast<int>(uv.y())));
   return out;
 }
 
 std::vector<Eigen::Vector2d> detect_seeds(const Map& grey, const ImageView& depth, const ImageView& mask,
-                                          const std::vector<Eigen::Vector2d>& taken, int count,
-                                          const CornerSettings& settings) {
-  return pick(grey, count, settings, taken, [&](int u, int v) -> std::optional<bool> {
+                                          const std::vector<Eigen::Vector2d>& taken, int count, int border) {
+  return pick(grey, count, border, taken, [&](int u, int v) -> std::optional<bool> {
     if ((!depth.empty() && depth_at(depth, u, v) > 0) || !seen(mask, u, v)) return {};
     return false;
   });
 }
 
-}  // namespace iclk
+}  // namespace iclk::internal

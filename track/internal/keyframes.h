@@ -1,33 +1,15 @@
 #pragma once
-#include <cstdint>
 #include <map>
 #include <optional>
 #include <utility>
 #include <vector>
 
 #include <iclk/align/aligner.h>
-#include <iclk/align/pyramid.h>
 #include <iclk/refine/refiner.h>
-#include <iclk/track/depth_filter.h>
+#include <iclk/track/internal/depth_filter.h>
+#include <iclk/track/internal/frame.h>
 
-namespace iclk {
-
-struct TrackFrame;
-
-/// A copy of a frame's images, rows packed.
-struct FramePixels {
-  double time = 0;
-  std::vector<uint8_t> image, mask;
-  std::vector<float> depth;
-  PixelFormat format = PixelFormat::r8;
-
-  void keep(const TrackFrame& frame);
-  /// Of this copy, which must outlive it.
-  TrackFrame frame(const Camera& camera) const;
-};
-
-/// Energy of a grey image's gradients, at half its size: what blur takes away.
-double sharpness(const Map& grey);
+namespace iclk::internal {
 
 /// A frame that others are aligned with.
 struct Keyframe {
@@ -49,19 +31,18 @@ struct Keyframe {
   };
   std::vector<Seed> seeds;
   FramePixels pixels;  ///< later keyframes' features are looked for in them
-  /// How it was found: by the alignment with another one.
-  struct Origin {
-    int keyframe = 0;
-    SE3 T_CK;  ///< of that one's camera to this one's
-    bool confirmed = true;
-    Matrix6d covariance = Matrix6d::Identity();
-  };
-  std::optional<Origin> origin;
+  std::optional<TrackResult::Origin> origin;
   /// Keyframes in whose images this one's features were found, and where.
   std::map<int, std::vector<AlignedFeature>> sightings;
 };
 
 double mean_inverse_depth(const Keyframe& keyframe);
+
+/// To align a frame with a keyframe, from where camera T_WC would be.
+Pair pair_of(const Keyframe& keyframe, const TrackFrame& frame, const SE3& T_WC, bool search = false);
+
+/// In the image, so many px from its border.
+bool inside(const Camera& camera, const Eigen::Vector2d& uv, double border);
 
 /// What camera T_WC would see of a keyframe.
 struct Overlap {
@@ -70,37 +51,39 @@ struct Overlap {
 };
 Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC);
 
-/// At most `capacity` keyframes, each in a slot of its own. Poses of all that ever were are kept.
+/// At most `capacity` keyframes, each in a slot of the aligner. Poses of all that ever were are kept.
 class Keyframes {
  public:
-  explicit Keyframes(int capacity) : capacity_(capacity) {}
+  Keyframes(Aligner& aligner, const Camera& camera, int capacity) : aligner_(aligner), camera_(camera), capacity_(capacity) {}
 
-  /// A new one, in a free slot or in that of the one which leaves: the oldest.
+  /// A new one, in a free slot or in that of the one which leaves.
   Keyframe& add(double time, const SE3& T_WC);
+  /// Has the aligner know of its features what is known now.
+  void prepare(const Keyframe& keyframe);
+  /// The one which leaves for the next: the oldest, or -1.
+  int leaving() const { return size() == capacity_ ? held_.begin()->first : -1; }
   /// Those that another one held.
-  void restore(std::map<int, Keyframe> held, std::vector<SE3> poses) {
-    held_ = std::move(held);
-    poses_ = std::move(poses);
-  }
+  void restore(std::map<int, Keyframe> held, std::vector<SE3> poses);
   /// Holds none any more; the poses stay.
   void forget() { held_.clear(); }
   bool empty() const { return held_.empty(); }
   int size() const { return static_cast<int>(held_.size()); }
-  int count() const { return static_cast<int>(poses_.size()); }  ///< that ever were
   Keyframe* find(int id);
   Keyframe& newest() { return held_.rbegin()->second; }
   std::map<int, Keyframe>& all() { return held_; }  ///< by id, oldest first
   const std::map<int, Keyframe>& all() const { return held_; }
   void set_pose(int id, const SE3& T_WC);
-  const SE3& pose(int id) const { return poses_.at(static_cast<size_t>(id)); }
+  const std::vector<SE3>& poses() const { return poses_; }
 
   /// Those that show most of what camera T_WC sees, best first, with a share of at least `least`.
-  std::vector<int> best(const Camera& camera, const SE3& T_WC, size_t count, double least) const;
+  std::vector<int> best(const SE3& T_WC, size_t count, double least) const;
 
  private:
+  Aligner& aligner_;
+  Camera camera_;
   int capacity_;
   std::map<int, Keyframe> held_;
   std::vector<SE3> poses_;
 };
 
-}  // namespace iclk
+}  // namespace iclk::internal

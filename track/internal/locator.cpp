@@ -1,0 +1,103 @@
+#include <iclk/track/internal/locator.h>
+
+#include <algorithm>
+#include <utility>
+
+namespace iclk::internal {
+namespace {
+
+/// A keyframe that shows so much more of a frame takes over, if it finds most of the features: every other one adds an error of
+/// its own.
+constexpr double kMoreVisible = 0.1, kMostInliers = 0.8;
+/// Of a keyframe's features, to be tried: where a frame is expected, and where it was lost.
+constexpr double kLeastVisible = 0.3, kLeastVisibleLost = 0.2;
+constexpr size_t kOthers = 3;
+
+}  // namespace
+
+std::optional<Found> Locator::follow(const TrackFrame& frame, Search& search) {
+  if (!keyframes_.find(state.current)) state.current = keyframes_.newest().id;
+  const Keyframe& current = *keyframes_.find(state.current);
+  RefinedAlignment a = refiner_.align(pair_of(current, frame, search.expected));
+  if (!judge_.confirmed(a)) {
+    consider(current.id, a, search);
+    return {};
+  }
+  const SE3 T_WC = current.T_WC * a.T_10.inverse();
+  const std::vector<int> best = keyframes_.best(T_WC, 1, kLeastVisible);
+  if (best.empty() || best[0] == current.id) return Found{current.id, std::move(a)};
+  const Keyframe& other = *keyframes_.find(best[0]);
+  if (overlap(camera_, other, T_WC).visible < overlap(camera_, current, T_WC).visible + kMoreVisible)
+    return Found{current.id, std::move(a)};
+  RefinedAlignment b = refiner_.align(pair_of(other, frame, T_WC));
+  if (judge_.confirmed(b) && b.inliers > kMostInliers * a.inliers) return Found{other.id, std::move(b)};
+  return Found{current.id, std::move(a)};
+}
+
+std::optional<Found> Locator::try_others(const TrackFrame& frame, const Motion& motion, Search& search) {
+  std::vector<Pair> pairs;
+  std::vector<int> ids;
+  const auto add = [&](int id, const SE3& T_WC, bool by_matching) {
+    pairs.push_back(pair_of(*keyframes_.find(id), frame, T_WC, by_matching));
+    ids.push_back(id);
+  };
+  for (const int id : keyframes_.best(search.expected, kOthers, kLeastVisible))
+    if (id != state.current) add(id, search.expected, false);
+  if (!search.weak) {  // else the alignment came to an end that is as good as it gets with the current one
+    if (motion.velocity) add(state.current, motion.last->T_WC, false);
+    add(state.current, search.expected, true);
+  }
+  if (pairs.empty()) return {};
+  std::vector<RefinedAlignment> found = refiner_.align(pairs);
+  for (size_t i = 0; i < found.size(); ++i) consider(ids[i], found[i], search);
+  return best_of(ids, found);
+}
+
+std::optional<Found> Locator::credible(const Search& search, double visible) {
+  if (!search.weak) return {};
+  const Keyframe* k = keyframes_.find(search.weak->keyframe);  // it may have left for a new one
+  return k && overlap(camera_, *k, search.expected).visible > visible ? search.weak : std::nullopt;
+}
+
+std::optional<Found> Locator::try_current(const TrackFrame& frame, const Motion& motion, Search& search) {
+  for (const SE3& T_WC : {search.expected, motion.last->T_WC}) {
+    RefinedAlignment a = refiner_.align(pair_of(*keyframes_.find(state.current), frame, T_WC));
+    if (judge_.confirmed(a)) return Found{state.current, std::move(a)};
+    consider(state.current, a, search);
+  }
+  return {};
+}
+
+std::optional<Found> Locator::relocalise(const TrackFrame& frame, const SE3& last) {
+  const std::vector<int> ids = lost_among(last);
+  std::vector<Pair> pairs;
+  for (const int id : ids) pairs.push_back(pair_of(*keyframes_.find(id), frame, last, true));
+  std::vector<RefinedAlignment> found = refiner_.align(pairs);
+  return best_of(ids, found);
+}
+
+std::vector<int> Locator::lost_among(const SE3& last) {
+  const size_t batch = std::min(batch_, static_cast<size_t>(keyframes_.size()));
+  std::vector<int> ids = keyframes_.best(last, batch / 2, kLeastVisibleLost), others;
+  for (const auto& [id, k] : keyframes_.all())
+    if (std::find(ids.begin(), ids.end(), id) == ids.end()) others.push_back(id);
+  for (size_t i = 0; ids.size() < batch; ++i)
+    ids.push_back(others[(static_cast<size_t>(state.next_tried) + i) % others.size()]);
+  state.next_tried += static_cast<int>(batch);
+  return ids;
+}
+
+void Locator::consider(int id, const RefinedAlignment& a, Search& search) {
+  if (!judge_.credible(a, *keyframes_.find(id), search.expected)) return;
+  if (!search.weak || a.inliers > search.weak->alignment.inliers) search.weak = Found{id, a, false};
+}
+
+std::optional<Found> Locator::best_of(std::span<const int> ids, std::span<RefinedAlignment> found) {
+  std::optional<Found> best;
+  for (size_t i = 0; i < found.size(); ++i)
+    if (judge_.confirmed(found[i]) && (!best || found[i].inliers > best->alignment.inliers))
+      best = Found{ids[i], std::move(found[i])};
+  return best;
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,126 @@
+#include <iclk/track/internal/window.h>
+
+#include <algorithm>
+#include <map>
+#include <set>
+#include <utility>
+
+namespace iclk::internal {
+namespace {
+
+/// Of a pose that nothing but the alignment itself speaks for: rad, and the same seen at the mean depth.
+constexpr double kWeakSigma = 0.03;
+constexpr double kLeastVisible = 0.3;  ///< of a neighbour's features
+constexpr double kFloor = 0.5;         ///< px: BundleOptions::floor
+
+Matrix6d edge_covariance(const TrackResult::Origin& origin, const Keyframe& from) {
+  if (origin.confirmed) return origin.covariance;
+  const double distance = 1 / mean_inverse_depth(from);
+  Vector6d sigma;
+  sigma << Eigen::Vector3d::Constant(kWeakSigma * distance), Eigen::Vector3d::Constant(kWeakSigma);
+  return sigma.cwiseAbs2().asDiagonal();
+}
+
+}  // namespace
+
+std::vector<Neighbour> Window::neighbours_of(const TrackFrame& frame, const SE3& T_WC, const Found* found) {
+  std::vector<Neighbour> out;
+  std::vector<Pair> pairs;
+  std::vector<size_t> of;
+  const auto most = static_cast<size_t>(size_);
+  for (const int id : keyframes_.best(T_WC, most + 1, kLeastVisible)) {
+    if (id == keyframes_.leaving() || out.size() == most) continue;
+    out.push_back({keyframes_.find(id)});
+    if (found && id == found->keyframe) {
+      out.back().there = found->alignment;
+      continue;
+    }
+    of.push_back(out.size() - 1);
+    pairs.push_back(pair_of(*out.back().keyframe, frame, T_WC));
+  }
+  if (pairs.empty()) return out;
+  std::vector<RefinedAlignment> there = refiner_.align(pairs);
+  for (size_t i = 0; i < of.size(); ++i) out[of[i]].there = std::move(there[i]);
+  return out;
+}
+
+void Window::connect(Keyframe& k, std::span<Neighbour> neighbours) {
+  std::vector<Pair> pairs;
+  std::vector<Neighbour*> of;
+  for (Neighbour& n : neighbours) {
+    if (!judge_.confirmed(n.there)) continue;  // where one way fails, so does the other: 95 of 100
+    of.push_back(&n);
+    pairs.push_back(pair_of(k, n.keyframe->pixels.frame(camera_), n.keyframe->T_WC));
+  }
+  if (pairs.empty()) return;
+  std::vector<RefinedAlignment> back = refiner_.align(pairs);
+  for (size_t i = 0; i < of.size(); ++i) {
+    Neighbour& n = *of[i];
+    n.back = std::move(back[i]);
+    n.keyframe->sightings[k.id] = n.there.features;
+    if (judge_.confirmed(n.back)) k.sightings[n.keyframe->id] = n.back.features;
+  }
+}
+
+/// The newest are free; what they are connected with holds them.
+Window::Part Window::part() {
+  const auto& all = keyframes_.all();
+  const int first_free = std::max(all.begin()->first + 1, static_cast<int>(keyframes_.poses().size()) - size_);
+  std::set<int> ids;
+  for (const auto& [id, k] : all) {
+    if (id >= first_free) ids.insert(id);
+    if (id >= first_free && k.origin && keyframes_.find(k.origin->keyframe)) ids.insert(k.origin->keyframe);
+    for (const auto& [seen_in, features] : k.sightings)
+      if (id >= first_free || seen_in >= first_free) ids.insert({id, seen_in});
+  }
+  Part out;
+  for (const int id : ids) {
+    const Keyframe& k = *keyframes_.find(id);
+    out.index[id] = static_cast<int>(out.frames.size());
+    out.frames.push_back({k.T_WC, id < first_free, k.features.uv, k.features.inverse_depth, k.measured, k.sigma});
+  }
+  return out;
+}
+
+std::vector<BundleSighting> Window::sightings_of(const Part& part) {
+  std::vector<BundleSighting> out;
+  for (const auto& [id, at] : part.index)
+    for (const auto& [seen_in, features] : keyframes_.find(id)->sightings) {
+      const auto other = part.index.find(seen_in);
+      if (other == part.index.end()) continue;
+      for (size_t i = 0; i < features.size(); ++i)
+        if (features[i].status == FeatureStatus::aligned)
+          out.push_back({at, static_cast<int>(i), other->second, features[i].uv1, features[i].covariance});
+    }
+  return out;
+}
+
+std::vector<BundleEdge> Window::edges_of(const Part& part) {
+  std::vector<BundleEdge> out;
+  for (const auto& [id, at] : part.index) {
+    const auto& origin = keyframes_.find(id)->origin;
+    const auto from = origin ? part.index.find(origin->keyframe) : part.index.end();
+    if (from == part.index.end()) continue;
+    const Keyframe& k = *keyframes_.find(from->first);
+    if (k.sightings.count(id) > 0) continue;  // which say more
+    out.push_back({from->second, at, origin->T_CK, edge_covariance(*origin, k)});
+  }
+  return out;
+}
+
+void Window::adjust() {
+  Part bundle = part();
+  const auto sightings = sightings_of(bundle);
+  const auto edges = edges_of(bundle);
+  if (!internal::adjust(camera_, bundle.frames, sightings, edges, {.floor = kFloor}).usable) return;
+  for (const auto& [id, at] : bundle.index) {
+    const BundleFrame& frame = bundle.frames[static_cast<size_t>(at)];
+    if (frame.fixed) continue;
+    keyframes_.set_pose(id, frame.T_WC);
+    Keyframe& k = *keyframes_.find(id);
+    k.features.inverse_depth = frame.inverse_depth;
+    keyframes_.prepare(k);
+  }
+}
+
+}  // namespace iclk::internal
