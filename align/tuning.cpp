@@ -28,7 +28,7 @@ std::string checksum(std::string_view text) {
 }  // namespace
 
 const char* name(ConvVariant variant) {
-  constexpr const char* names[] = {"direct", "winograd4", "winograd4x1", "cooperative"};
+  constexpr const char* names[] = {"direct", "winograd4", "winograd4x1"};
   return names[static_cast<int>(variant)];
 }
 

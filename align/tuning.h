@@ -18,10 +18,8 @@ enum class ConvVariant {
   direct,       ///< register tile; the fewest bytes
   winograd4,    ///< F(4x4, 3x3): 36 products for 16 pixels instead of 144
   winograd4x1,  ///< F(4x1, 3x3): 18 products for 4 pixels instead of 36, in a register tile as `direct` has
-  cooperative,  ///< products of matrices that a subgroup holds together, where the device and the build have them
 };
-constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1,
-                                         ConvVariant::cooperative};
+constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1};
 const char* name(ConvVariant variant);
 
 /// A layer of an encoder at the size at which it is computed, pixels. The last layer of a level is measured with what is made

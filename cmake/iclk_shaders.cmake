@@ -1,26 +1,11 @@
 # iclk_shaders(target [SOURCE_DIR dir] [PLAIN] room/file.comp ...): compiles dir/room/file.comp (default shaders/) to SPIR-V
 # at build time and embeds it. The generated header "file.comp.spv.h" holds both builds (shaders/texels.glsl) as
 # `file_comp_spv`, an engine::ShaderCode; with PLAIN the words of the first alone, as an array, for who does without the
-# engine. Every shader is rebuilt when any GLSL header changes. With IF condition, a variable: where it is false there is no
-# shader to compile, and `file_comp_spv` is empty.
+# engine. Every shader is rebuilt when any GLSL header changes.
 find_program(ICLK_GLSLANG glslangValidator REQUIRED)
 
-# glslang of Debian 12 does not know cooperative matrices.
-if(NOT DEFINED ICLK_COOPERATIVE_SHADERS)
-  set(probe ${CMAKE_BINARY_DIR}/CMakeFiles/cooperative.comp)
-  file(WRITE ${probe} "#version 460\n#extension GL_KHR_cooperative_matrix : require\nvoid main() {}\n")
-  execute_process(COMMAND ${ICLK_GLSLANG} -V --target-env vulkan1.1 -o ${probe}.spv ${probe}
-    RESULT_VARIABLE result OUTPUT_QUIET ERROR_QUIET)
-  set(known OFF)
-  if(result EQUAL 0)
-    set(known ON)
-  endif()
-  set(ICLK_COOPERATIVE_SHADERS ${known} CACHE BOOL "The shader compiler knows GL_KHR_cooperative_matrix")
-  message(STATUS "Cooperative matrices: ${known}")
-endif()
-
 function(iclk_shaders target)
-  cmake_parse_arguments(arg "PLAIN" "SOURCE_DIR;IF" "" ${ARGN})
+  cmake_parse_arguments(arg "PLAIN" "SOURCE_DIR" "" ${ARGN})
   set(header_dir ${PROJECT_SOURCE_DIR}/shaders)
   if(NOT arg_SOURCE_DIR)
     set(arg_SOURCE_DIR ${header_dir})
@@ -33,15 +18,6 @@ function(iclk_shaders target)
     set(source ${arg_SOURCE_DIR}/${source})
     string(REPLACE "." "_" symbol ${shader})
     set(output ${output_dir}/${shader})
-    if(arg_IF AND NOT ${arg_IF})
-      file(CONFIGURE OUTPUT ${output}.spv.h @ONLY CONTENT [[
-#pragma once
-#include <iclk/engine/compute/kernel.h>
-
-constexpr iclk::engine::ShaderCode @symbol@_spv;
-]])
-      continue()
-    endif()
     set(compile ${ICLK_GLSLANG} -V --target-env vulkan1.1 --quiet -I${header_dir})
     if(arg_PLAIN)
       set(commands COMMAND ${compile} --vn ${symbol}_spv -o ${output}.spv.h ${source})

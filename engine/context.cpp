@@ -4,7 +4,6 @@
 #include <cstring>
 #include <limits>
 
-#include <iclk/engine/internal/cooperative_matrices.h>
 #include <iclk/engine/internal/instance.h>
 #include <iclk/engine/internal/memory_layout.h>
 #include <iclk/engine/internal/pipelines.h>
@@ -129,13 +128,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   const std::vector<std::string> enabled = extensions_to_enable(needed, capabilities[choice.index]);
   std::vector<const char*> extensions;
   for (const std::string& extension : enabled) extensions.push_back(extension.c_str());
-  MatrixSize matrices;
-  if (options.subgroups && instance->knows_matrices())
-    matrices = matrix_size(instance->get_instance_proc_addr(), c.instance_, c.physical_device_, capabilities[choice.index]);
-  MatrixFeatures matrix_features(VK_TRUE);
-  if (matrices) extensions.insert(extensions.end(), kMatrixExtensions.begin(), kMatrixExtensions.end());
   VkDeviceCreateInfo info{VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO};
-  if (matrices) info.pNext = matrix_features.chain();
   info.queueCreateInfoCount = 1;
   info.pQueueCreateInfos = &queue;
   info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
@@ -157,7 +150,6 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   describe(c, capabilities[choice.index], options.storage_reads);
   if (options.longest_submission) c.longest_submission_ = *options.longest_submission;
   if (!options.subgroups) c.info_.subgroup_operations = 0;
-  c.matrices_ = matrices;
   make_pipeline_cache(c, options.pipeline_cache ? options.pipeline_cache(c.info_) : std::vector<uint8_t>());
   if (instance->validation())
     c.set_name_ = reinterpret_cast<PFN_vkSetDebugUtilsObjectNameEXT>(
@@ -197,7 +189,6 @@ std::shared_ptr<Context> ContextBuilder::adopt(const HostDevice& host) {
   c.queue_family_ = host.queue_family;
   describe(c, capabilities, false);
   if (!c.info_.rejected.empty()) throw Error(ErrorCode::unsupported, c.info_.name + ": " + c.info_.rejected);
-  if (host.cooperative_matrices) c.matrices_ = matrix_size(get, host.instance, host.physical_device, capabilities);
   c.vk_ = load_device_functions(c.instance_functions_.GetDeviceProcAddr, host.device);
   c.device_ = host.device;
   c.queue_ = host.queue;

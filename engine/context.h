@@ -7,7 +7,6 @@
 #include <string>
 #include <vector>
 
-#include <iclk/engine/cooperative_matrices.h>
 #include <iclk/engine/device_ranking.h>
 #include <iclk/engine/requirements.h>
 #include <iclk/engine/vulkan_functions.h>
@@ -29,7 +28,7 @@ struct ContextOptions {
   /// not be compiled again. Of another device or driver, or no cache at all: ignored. The driver reads it: take it from where
   /// you put it and nobody else writes.
   std::function<std::vector<uint8_t>(const DeviceInfo&)> pipeline_cache;
-  /// false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0), nor cooperative matrices
+  /// false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
   bool subgroups = true;
 };
 
@@ -63,8 +62,6 @@ struct HostDevice {
   std::function<void()> lock_queue, unlock_queue;
   /// Used from many threads at once, so not made EXTERNALLY_SYNCHRONIZED. Null: the context makes its own.
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;
-  /// kMatrixExtensions and their features are enabled: Context::matrices() is what the device has.
-  bool cooperative_matrices = false;
   /// Where all memory of this context comes from and goes to. Both or neither: vkAllocateMemory. Called from whichever thread
   /// makes or destroys an object of iclk. allocate_memory returns a block without `memory` where there is none; free_memory may
   /// not throw.
@@ -117,10 +114,6 @@ class Context {
   /// CPU or integrated, with memory that is both the device's and the host's: buffers of MemoryKind::device are mapped.
   bool unified_memory() const { return unified_memory_; }
 
-  /// Cooperative matrices that kernels may use: enabled, and of halves. Own contexts enable them where the device, and the
-  /// validation layer if there is one, knows them.
-  const MatrixSize& matrices() const { return matrices_; }
-
   /// s: watchdogs of operating systems end what keeps a GPU for longer than about two. A Submission spreads what takes more.
   /// Infinite on CPU devices, which nobody watches.
   double longest_submission() const { return longest_submission_; }
@@ -159,7 +152,6 @@ class Context {
   bool owns_device_ = false, owns_pipeline_cache_ = false, cpu_unasked_ = false, storage_reads_ = false,
        unified_memory_ = false;
   DeviceInfo info_;
-  MatrixSize matrices_;
   VkPhysicalDeviceLimits limits_{};
   VkPhysicalDeviceMemoryProperties memory_{};
   VkDeviceSize max_allocation_ = 0;

@@ -5,11 +5,9 @@
 #include <cstring>
 
 #include <iclk/align/common/each.h>
-#include <iclk/align/network/cooperative_conv.h>
 #include <iclk/engine/submission.h>
 
 #include "conv_border.comp.spv.h"
-#include "conv_cooperative.comp.spv.h"
 #include "conv_direct.comp.spv.h"
 #include "conv_direct_shared.comp.spv.h"
 #include "winograd4_fused.comp.spv.h"
@@ -90,7 +88,7 @@ bool can_reduce(const ConvStep& step) {
 
 bool can_fuse(const ConvStep& step, const engine::Context& context) {
   const VkPhysicalDeviceLimits& limits = context.limits();
-  return !of_plain_kernels(step.variant) && context.info().type == engine::DeviceType::cpu && can_shuffle(context.info()) &&
+  return step.variant != ConvVariant::direct && context.info().type == engine::DeviceType::cpu && can_shuffle(context.info()) &&
          fused_texels(step) <= std::min<uint64_t>(limits.maxStorageBufferRange / 16, limits.maxTexelBufferElements) &&
          (!of_whole_tiles(step.variant) || most_item_blocks(step) > 0);
 }
@@ -130,9 +128,6 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
           wanted.add(fused_columns_[FusedColumns::kernel_of(step)], FusedColumns::description(step));
         else
           columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv), {column_lanes_});
-        break;
-      case ConvVariant::cooperative:
-        wanted.add(cooperative_[CooperativeConv::kernel_of(step)], CooperativeConv::description(step, *context));
         break;
       case ConvVariant::winograd4:
         if (step.fused) {
@@ -189,8 +184,6 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
     record_tiles(recorder, step, in, weights, out, scratch);
   else if (step.fused)
     fused_columns_.record(recorder, step, in, weights, out, scratch, place, parts);
-  else if (step.variant == ConvVariant::cooperative)
-    CooperativeConv::record(recorder, cooperative_[CooperativeConv::kernel_of(step)], step, in, weights, out);
   else
     record_columns(recorder, step, in, weights, out);
 }
@@ -262,8 +255,6 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
   for (const engine::Kernel& kernel : direct_)
     if (kernel) size.add(kernel, 2);
   if (column_) size.add(column_, 2);
-  for (const engine::Kernel& kernel : cooperative_)
-    if (kernel) size.add(kernel, 2);
   fused_columns_.add_to(size);
   if (tile_input_) size.add(tile_input_, 2);
   for (const engine::Kernel* kernel : {&tile_product_[0], &tile_product_[1], &tile_fused_[0], &tile_fused_[1]})
@@ -274,8 +265,7 @@ uint64_t conv_shader_hash() {
   uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
   const engine::ShaderCode all[] = {conv_direct_comp_spv,     conv_direct_shared_comp_spv, winograd4_fused_comp_spv,
                                     winograd4_input_comp_spv, winograd4_product_comp_spv,  winograd4_product_plain_comp_spv,
-                                    winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,  winograd4x1_plain_comp_spv,
-                                    conv_cooperative_comp_spv};
+                                    winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,  winograd4x1_plain_comp_spv};
   for (const engine::ShaderCode& code : all)
     for (uint32_t word : code.texels) hash = (hash ^ word) * 0x100000001b3u;
   return hash;

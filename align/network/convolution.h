@@ -2,7 +2,7 @@
 #include <optional>
 #include <vector>
 
-#include <iclk/align/network/cooperative_conv.h>
+#include <iclk/align/network/conv_step.h>
 #include <iclk/align/network/fused_columns.h>
 #include <iclk/engine/compute/memory.h>
 #include <iclk/shaders/network/network.h>
@@ -69,7 +69,6 @@ class ConvKernels {
   uint32_t direct_lanes_, column_lanes_, product_lanes_;
   engine::Kernel border_, direct_[ICLK_CONV_MOST_ROWS], column_;  // direct_[rows - 1]
   FusedColumns fused_columns_;
-  engine::Kernel cooperative_[CooperativeConv::kKernels];
   engine::Kernel tile_input_, tile_product_[2], tile_fused_[2];  // [1]: reduced
 };
 

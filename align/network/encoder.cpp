@@ -45,9 +45,6 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
                          : tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
                                           static_cast<int>(step.in.height), last},
                                          context.info().type);
-      // Measured on the same device by a context that had matrices.
-      if (step.variant == ConvVariant::cooperative && !CooperativeConv::can_run(step, context))
-        step.variant = ConvVariant::direct;
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.fused = shuffle_ && can_fuse(step, context);
       step.reduced = last && can_reduce(step);

@@ -53,13 +53,6 @@ internal::ConvStep step_of(const ConvShape& shape, ConvVariant variant, const en
   return step;
 }
 
-// Not so for want of what a device, its application or a build may do without, which is no failure. A CPU takes a minute to
-// compile it, and has no such units.
-bool is_there(const internal::ConvStep& step, const engine::Context& context) {
-  return step.variant != ConvVariant::cooperative ||
-         (context.info().type != engine::DeviceType::cpu && internal::CooperativeConv::can_run(step, context));
-}
-
 // As the finest levels have it, with rows of whole vec4.
 internal::MapPlace place_of(const internal::ConvStep& step) {
   const uint32_t width = step.out.width, height = step.out.height, pitch = (width + 3) / 4 * 4;
@@ -71,11 +64,7 @@ struct Kernels {
   Kernels(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes) : maps(context) {
     for (ConvVariant variant : kConvVariants) {
       std::vector<internal::ConvStep> steps;
-      for (const ConvShape& shape : shapes) {
-        const internal::ConvStep step = step_of(shape, variant, *context);
-        if (is_there(step, *context)) steps.push_back(step);
-      }
-      if (steps.empty()) continue;
+      for (const ConvShape& shape : shapes) steps.push_back(step_of(shape, variant, *context));
       const auto failed = attempt([&] {
         convolutions.try_emplace(variant, context, std::span<const internal::ConvStep>(steps),
                                  internal::can_shuffle(context->info()));
@@ -186,13 +175,11 @@ LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, con
       trials.erase(variant);
     }
   };
-  for (const auto& [variant, convolutions] : kernels.convolutions) {
-    if (!is_there(step_of(shape, variant, *context), *context)) continue;
+  for (const auto& [variant, convolutions] : kernels.convolutions)
     with(variant, [&] {
       // The first run, which compiles, does not count.
       trials.try_emplace(variant, context, kernels, convolutions, shape, variant, tensors).first->second.run();
     });
-  }
   // They take turns, so that what else the machine does for a while falls on all of them.
   for (int run = 0; run < repetitions; ++run)
     for (const auto& [variant, convolutions] : kernels.convolutions)
@@ -205,7 +192,6 @@ LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, con
       continue;
     }
     std::vector<double>& all = seconds[variant];
-    if (all.empty()) continue;
     std::sort(all.begin(), all.end());
     times.ways.push_back({variant, all[all.size() / 2], all.front()});
   }

@@ -21,7 +21,7 @@ struct LayerTimes {
   };
   ConvShape shape;
   std::vector<Way> ways;         ///< every variant that the device can run; one at least
-  std::vector<Dropped> dropped;  ///< the others, but for `cooperative` where there are no matrices for it
+  std::vector<Dropped> dropped;  ///< the others
 
   const Way& fastest() const;                 ///< by its least time
   const Way* way(ConvVariant variant) const;  ///< null where it was dropped

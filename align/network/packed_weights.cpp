@@ -40,7 +40,7 @@ Matrix kernel_transform() {
 std::array<float, 36> transformed(const float* g, ConvVariant variant, const Matrix& G) {
   std::array<float, 36> out{};
   const size_t m = G.size();
-  if (of_plain_kernels(variant)) {
+  if (variant == ConvVariant::direct) {
     for (size_t ky = 0; ky < 3; ++ky)
       for (size_t kx = 0; kx < 3; ++kx) out[3 * kx + ky] = g[3 * ky + kx];
     return out;
@@ -67,9 +67,8 @@ std::array<float, 36> transformed(const float* g, ConvVariant variant, const Mat
 }  // namespace
 
 bool of_whole_tiles(ConvVariant variant) { return variant == ConvVariant::winograd4; }
-bool of_plain_kernels(ConvVariant variant) { return variant == ConvVariant::direct || variant == ConvVariant::cooperative; }
 uint32_t positions(ConvVariant variant) {
-  if (of_plain_kernels(variant)) return 9;
+  if (variant == ConvVariant::direct) return 9;
   if (variant == ConvVariant::winograd4x1) return 18;
   return 36;
 }

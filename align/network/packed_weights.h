@@ -28,8 +28,6 @@ class PackedWeights {
 
 /// Winograd with transformed tiles; else each column of an invocation by itself.
 bool of_whole_tiles(ConvVariant variant);
-/// Without Winograd.
-bool of_plain_kernels(ConvVariant variant);
 /// Weights of a pair of channels. Of whole tiles: the positions of a transformed one.
 uint32_t positions(ConvVariant variant);
 

@@ -33,18 +33,16 @@ VkDebugUtilsMessengerCreateInfoEXT messenger_info(Validation* validation) {
   return info;
 }
 
-// The version of Vulkan that it knows; 0: it is not there.
-uint32_t validation_layer_version(PFN_vkGetInstanceProcAddr get) {
+bool has_validation_layer(PFN_vkGetInstanceProcAddr get) {
   const auto enumerate =
       reinterpret_cast<PFN_vkEnumerateInstanceLayerProperties>(get(nullptr, "vkEnumerateInstanceLayerProperties"));
   uint32_t count = 0;
-  if (!enumerate || enumerate(&count, nullptr) != VK_SUCCESS) return 0;
+  if (!enumerate || enumerate(&count, nullptr) != VK_SUCCESS) return false;
   std::vector<VkLayerProperties> layers(count);
-  if (enumerate(&count, layers.data()) < 0) return 0;
+  if (enumerate(&count, layers.data()) < 0) return false;
   layers.resize(count);
-  const auto found =
-      std::find_if(layers.begin(), layers.end(), [](const auto& l) { return std::strcmp(l.layerName, validation_layer) == 0; });
-  return found != layers.end() ? found->specVersion : 0;
+  return std::any_of(layers.begin(), layers.end(),
+                     [](const auto& l) { return std::strcmp(l.layerName, validation_layer) == 0; });
 }
 
 bool has_extension(PFN_vkGetInstanceProcAddr get, const char* name) {
@@ -94,11 +92,9 @@ Instance::Instance(bool validation, std::function<void(MessageSeverity, const st
   features.pEnabledValidationFeatures = enabled;
   VkDebugUtilsMessengerCreateInfoEXT messenger{};
   if (validation) {
-    const uint32_t version = validation_layer_version(get);
-    if (!version)
+    if (!has_validation_layer(get))
       throw Error(ErrorCode::unsupported,
                   std::string(validation_layer) + " is not installed; install vulkan-validationlayers or turn validation off");
-    knows_matrices_ = version >= VK_MAKE_API_VERSION(0, 1, 3, 255);
     validation_ = std::make_unique<Validation>();
     validation_->on_message = std::move(on_message);
     messenger = messenger_info(validation_.get());

@@ -30,15 +30,12 @@ class Instance {
   const InstanceFunctions& functions() const { return functions_; }
   PFN_vkGetInstanceProcAddr get_instance_proc_addr() const { return loader_.get_instance_proc_addr(); }
   bool validation() const { return validation_ != nullptr; }
-  /// There is no validation layer that takes VK_KHR_cooperative_matrix for a mistake.
-  bool knows_matrices() const { return knows_matrices_; }
   std::vector<VkPhysicalDevice> physical_devices() const;
 
  private:
   Loader loader_;
   std::unique_ptr<Validation> validation_;
   VkInstance handle_ = VK_NULL_HANDLE;
-  bool knows_matrices_ = true;
   InstanceFunctions functions_;
 };
 

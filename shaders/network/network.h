@@ -15,12 +15,6 @@ using uint = uint32_t;
 // Rows that an invocation of conv_direct makes, `dilation` apart; the most, of whole maps on large GPUs.
 #define ICLK_CONV_ROWS 4
 #define ICLK_CONV_MOST_ROWS 8
-// conv_cooperative: pixels and channels of a tile of matrices; subgroups of a workgroup, and rows of pixels that each makes;
-// the largest dilation for which the pixels fit into shared memory.
-#define ICLK_MATRIX_SIDE 16
-#define ICLK_MATRIX_SUBGROUPS 4
-#define ICLK_MATRIX_ROWS 2
-#define ICLK_MATRIX_DILATION 2
 // Tiles of four rows that an invocation of winograd4x1 makes.
 #define ICLK_COLUMN_TILES 2
 // Tiles that an invocation of Winograd's products makes.

@@ -9,7 +9,6 @@
 #include <iclk/align/network/convolution.h>
 #include <iclk/engine/submission.h>
 
-#include "conv_emulated.comp.spv.h"
 #include "device.h"
 #include "plain_network.h"
 
@@ -18,7 +17,6 @@ namespace {
 
 using internal::ConvKernels;
 using internal::ConvStep;
-using internal::CooperativeConv;
 using internal::TensorLayout;
 
 struct Shape {
@@ -34,11 +32,9 @@ struct Way {
   ConvVariant variant;
   bool shuffle;
   bool fused = false;
-  engine::MatrixSize emulated = {};  // cooperative on a device without such matrices
 };
 std::string text(const Way& way) {
-  return name(way.variant) + std::string(way.shuffle ? "" : "_plain") + (way.fused ? "_fused" : "") +
-         (way.emulated ? "_emulated" + std::to_string(way.emulated.k) : "");
+  return name(way.variant) + std::string(way.shuffle ? "" : "_plain") + (way.fused ? "_fused" : "");
 }
 void PrintTo(const Way& way, std::ostream* out) { *out << text(way); }
 
@@ -114,27 +110,17 @@ Outcome run(const Way& way, const Shape& shape, ConvStep step, uint64_t bytes, c
           memory[in].as<float>()[at(step.in, n, c, v, u)] =
               c < step.in.channels ? x[n * image + (c * shape.height + v) * shape.width + u] : 0.0f;
 
-  ConvStep portable = step;  // the kernels for borders come with those of some step
-  if (way.emulated) portable.variant = ConvVariant::direct;
-  const ConvKernels kernels(context, std::span(&portable, 1), way.shuffle);
-  engine::Kernel emulated;
+  const ConvKernels kernels(context, std::span(&step, 1), way.shuffle);
   engine::ArenaSize size;
   kernels.add_to(size);
-  if (way.emulated) {
-    emulated = {context, CooperativeConv::description(step, *context, conv_emulated_comp_spv, way.emulated)};
-    size.add(emulated, 1);
-  }
   engine::DescriptorArena arena(context, size);
   engine::Submission submission(context);
   engine::Recorder recorder(submission, arena);
   kernels.record_borders(recorder, step.in, step.reduced ? TensorLayout{} : step.out, memory[in], memory[out]);
   if (step.fused) kernels.record_start(recorder, memory[scratch]);
   const internal::MapPart parts[] = {{&memory[maps[0]], 0, 1, 0}, {&memory[maps[1]], 1, shape.images - 1, 2}};
-  if (way.emulated)
-    CooperativeConv::record(recorder, emulated, step, memory[in], memory[weights], memory[out]);
-  else
-    kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch], place,
-                   std::span(parts).first(shape.images > 1 ? 2 : 1));
+  kernels.record(recorder, step, memory[in], memory[weights], memory[out], memory[scratch], place,
+                 std::span(parts).first(shape.images > 1 ? 2 : 1));
   recorder.host_read({&memory[out], &memory[maps[0]], &memory[maps[1]]});
   submission.end();
   submission.submit_and_wait();
@@ -158,15 +144,12 @@ const char* lacking(const Way& way, const ConvStep& step) {
   const auto context = test::device();
   if (way.shuffle && !internal::can_shuffle(context->info())) return "no subgroup shuffles here";
   if (step.variant == ConvVariant::winograd4 && context->storage_reads()) return "no large texel buffers here";
-  if (way.emulated && context->limits().maxComputeSharedMemorySize < 32768) return "too little shared memory";
   return way.fused && !internal::can_fuse(step, *context) ? "not a CPU with shuffles" : nullptr;
 }
 
 TEST_P(Convolution, IsThePlainOne) {
-  auto [way, shape] = GetParam();
+  const auto [way, shape] = GetParam();
   const ConvStep step = step_for(way, shape);
-  const bool cooperative = step.variant == ConvVariant::cooperative && !way.emulated;
-  if (cooperative && !CooperativeConv::can_run(step, *test::device())) way.emulated = {16, 16, 16};
   if (const char* why = lacking(way, step)) GTEST_SKIP() << why;
   const Outcome outcome = run(way, shape, step, 16 * step.out.texels());
   const uint32_t border = step.out.border;
@@ -266,15 +249,6 @@ INSTANTIATE_TEST_SUITE_P(
                                      Shape{23, 15, 32, 64, 1}, Shape{23, 15, 64, 64, 2}, Shape{23, 15, 64, 96, 1},
                                      Shape{23, 15, 96, 96, 2}, Shape{11, 7, 96, 128, 1}, Shape{11, 7, 128, 128, 2})),
     test_name);
-// Tiles of 16 x 8 pixels, some of them partly empty, and 16 or 32 channels of output. Matrices of the device, else emulated
-// ones as NVIDIA and AMD have them; and as lavapipe 26 has, whose tiles are of several in each direction.
-constexpr Way kCooperative[] = {{ConvVariant::cooperative, false}, {ConvVariant::cooperative, false, false, {8, 8, 8}}};
-INSTANTIATE_TEST_SUITE_P(Cooperative, Convolution,
-                         testing::Combine(testing::ValuesIn(kCooperative),
-                                          testing::Values(Shape{47, 30, 3, 16, 1}, Shape{23, 15, 64, 64, 2},
-                                                          Shape{37, 19, 20, 40, 1, 2}, Shape{1, 1, 1, 1, 1},
-                                                          Shape{17, 33, 5, 9, 2, 3})),
-                         test_name);
 INSTANTIATE_TEST_SUITE_P(Odd, Convolution,
                          testing::Combine(testing::ValuesIn(kWays),
                                           testing::Values(Shape{1, 1, 1, 1, 1}, Shape{2, 9, 5, 7, 2}, Shape{37, 3, 1, 9, 3},

@@ -112,9 +112,7 @@ INSTANTIATE_TEST_SUITE_P(Variants, EncoderDevice,
                                          Case{ConvVariant::winograd4, true, PixelFormat::rgba32f, 3, 53, 47, 4, by_image},
                                          Case{ConvVariant::winograd4, false, PixelFormat::r8, 1, 29, 64, 2},
                                          Case{ConvVariant::winograd4x1, true, PixelFormat::rgba8, 3, 71, 33, 3, by_image},
-                                         Case{ConvVariant::direct, true, PixelFormat::rgba32f, 3, 67, 41, 2, by_image},
-                                         // `direct` where the context has no matrices.
-                                         Case{ConvVariant::cooperative, false, PixelFormat::rgba8, 3, 61, 37, 4}),
+                                         Case{ConvVariant::direct, true, PixelFormat::rgba32f, 3, 67, 41, 2, by_image}),
                          [](const auto& info) { return text(info.param); });
 
 }  // namespace

@@ -265,22 +265,5 @@ TEST(Embedding, AHalfFilledHostDeviceIsRejectedByName) {
   EXPECT_EQ(refusal([](HostDevice&) {}), "accepted");
 }
 
-TEST(Embedding, CooperativeMatricesAreThoseThatTheApplicationEnabled) {
-  ICLK_NEED_DEVICE();
-  Application app(true);
-  HostDevice host = app.handed_over();
-  EXPECT_FALSE(adopt_device(host)->matrices());
-  host.cooperative_matrices = app.instance.knows_matrices();  // a validation layer may not
-  const std::shared_ptr<Context> adopted = adopt_device(host);
-  EXPECT_EQ(adopted->matrices(), device()->matrices());
-  const auto& offered = capabilities_of(app.instance.functions(), app.physical).device_extensions;
-  if (std::count(offered.begin(), offered.end(), kMatrixExtensions[0]) == 0) {
-    EXPECT_FALSE(adopted->matrices());
-  }
-  ContextOptions without = watched_options();
-  without.subgroups = false;
-  EXPECT_FALSE(create_context(without)->matrices());
-}
-
 }  // namespace
 }  // namespace iclk::test

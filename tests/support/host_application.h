@@ -6,7 +6,6 @@
 
 #include <iclk/engine/compute/memory.h>
 #include <iclk/engine/compute/recorder.h>
-#include <iclk/engine/internal/cooperative_matrices.h>
 #include <iclk/engine/internal/instance.h>
 #include <iclk/engine/result.h>
 #include <iclk/engine/submission.h>
@@ -21,8 +20,7 @@ using namespace engine;  // NOLINT: a test's vocabulary
 /// permits (compute without graphics where there is one).
 class Application {
  public:
-  /// `matrices`: with cooperative matrices, where the device has them.
-  explicit Application(bool matrices = false) : instance(true, report_validation) {
+  Application() : instance(true, report_validation) {
     const InstanceFunctions& vk = instance.functions();
     const std::vector<VkPhysicalDevice> all = instance.physical_devices();
     std::vector<DeviceInfo> infos;
@@ -42,16 +40,11 @@ class Application {
     std::vector<std::string> enabled = extensions_to_enable(requirements(), offered);
     timelines = std::count(offered.device_extensions.begin(), offered.device_extensions.end(), "VK_KHR_timeline_semaphore");
     if (timelines) enabled.push_back("VK_KHR_timeline_semaphore");
-    matrices = matrices && instance.knows_matrices() &&
-               matrix_size(instance.get_instance_proc_addr(), instance.handle(), physical, offered);
-    if (matrices) enabled.insert(enabled.end(), kMatrixExtensions.begin(), kMatrixExtensions.end());
     std::vector<const char*> extensions;
     for (const std::string& extension : enabled) extensions.push_back(extension.c_str());
     VkPhysicalDeviceTimelineSemaphoreFeatures timeline{VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_TIMELINE_SEMAPHORE_FEATURES};
     timeline.timelineSemaphore = VK_TRUE;
-    MatrixFeatures matrix_features(VK_TRUE);
     if (timelines) info.pNext = &timeline;
-    if (matrices) timeline.pNext = matrix_features.chain(), info.pNext = timelines ? &timeline : timeline.pNext;
     info.enabledExtensionCount = static_cast<uint32_t>(extensions.size());
     info.ppEnabledExtensionNames = extensions.data();
     check(vk.CreateDevice(physical, &info, nullptr, &device), "vkCreateDevice");
