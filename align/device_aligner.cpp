@@ -40,7 +40,7 @@ const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solv
 }  // namespace
 
 DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const Plan& plan_, const AlignerOptions& options_,
-                          Solver solver_, const std::shared_ptr<const Model>& model, const Tuning& tuning)
+                          Solver solver_, const std::shared_ptr<const Model>& model)
     : context(std::move(context_)),
       plan(checked(plan_, options_, solver_, model.get())),
       options(options_),
@@ -50,7 +50,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       batch(internal::pairs_per_batch(plan, layout, context->limits())),
       kernels(context, plan, options, solver, layout, sizes),
       ids(layout, plan, solver, sizes, context->unified_memory(), batch),
-      network(*context, model, layout, plan, batch, tuning, ids.plan),
+      network(*context, model, layout, plan, batch, ids.plan),
       matching(plan, options, layout, sizes, batch, ids.plan),
       memory(context, ids.plan),
       run_ids(layout, plan, solver, context->unified_memory(), batch),
@@ -73,20 +73,20 @@ uint32_t DeviceAligner::Impl::most_features() const {
 engine::ArenaSize DeviceAligner::Impl::arena_size() const { return internal::Stages::arena_size(kernels, network, matching); }
 
 DeviceAligner::DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options,
-                             Solver solver, std::shared_ptr<const Model> model, const Tuning& tuning)
-    : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver, model, tuning)) {}
+                             Solver solver, std::shared_ptr<const Model> model)
+    : impl_(std::make_unique<Impl>(std::move(context), plan, options, solver, model)) {}
 
 DeviceAligner::~DeviceAligner() = default;
 
 engine::MemoryBytes DeviceAligner::workspace_size(const engine::Context& context, const Plan& plan,
                                                   const AlignerOptions& options, Solver solver,
-                                                  const std::shared_ptr<const Model>& model, const Tuning& tuning) {
+                                                  const std::shared_ptr<const Model>& model) {
   checked(plan, options, solver, model.get());
   const internal::Layout layout(plan, options, model.get(), context.storage_reads());
   const internal::WorkgroupSizes sizes(context.info(), options);
   const int batch = internal::pairs_per_batch(plan, layout, context.limits());
   internal::AlignerBuffers ids(layout, plan, solver, sizes, context.unified_memory(), batch);
-  const internal::DeviceNetwork network(context, model, layout, plan, batch, tuning, ids.plan);
+  const internal::DeviceNetwork network(context, model, layout, plan, batch, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, batch, ids.plan);
   const internal::RunBuffers run_ids(layout, plan, solver, context.unified_memory(), batch);
   engine::MemoryBytes bytes = ids.plan.bytes(context);
@@ -389,8 +389,8 @@ const std::vector<engine::StageTime>& DeviceAligner::times() const {
 
 std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
                                                    const AlignerOptions& options, Solver solver,
-                                                   std::shared_ptr<const Model> model, const Tuning& tuning) {
-  return std::make_unique<DeviceAligner>(std::move(context), plan, options, solver, std::move(model), tuning);
+                                                   std::shared_ptr<const Model> model) {
+  return std::make_unique<DeviceAligner>(std::move(context), plan, options, solver, std::move(model));
 }
 
 }  // namespace iclk

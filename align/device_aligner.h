@@ -1,6 +1,6 @@
 #pragma once
 #include <iclk/align/aligner.h>
-#include <iclk/align/tuning.h>
+#include <iclk/align/model.h>
 #include <iclk/engine/resources.h>
 #include <iclk/engine/timing.h>
 
@@ -21,16 +21,15 @@ class DeviceAligner : public Aligner {
   /// Allocates everything. Throws Error(unsupported) if the plan does not fit the device, with the numbers.
   /// With a model its encoder makes the maps, options.levels of its finest levels, and its M-estimator the weights; without,
   /// they are the grey pyramid's and AlignerOptions::robust's. Throws Error(invalid_argument) for a model that does not fit
-  /// itself or the options. `tuning`: which variant computes which layer (tune()); where it does not say, usual_variant().
+  /// itself or the options.
   DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
-                std::shared_ptr<const Model> model = nullptr, const Tuning& tuning = {});
+                std::shared_ptr<const Model> model = nullptr);
   ~DeviceAligner() override;
 
   /// Exactly what the constructor allocates and keeps. Where device memory is not mapped (Context::unified_memory()), a model's
   /// weights pass through as much upload memory besides, which it gives back.
   static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
-                                            Solver solver, const std::shared_ptr<const Model>& model = nullptr,
-                                            const Tuning& tuning = {});
+                                            Solver solver, const std::shared_ptr<const Model>& model = nullptr);
 
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference) override;
   using Aligner::align;
@@ -94,6 +93,6 @@ class DeviceAligner : public Aligner {
 /// Precondition: solver is host or device.
 std::unique_ptr<DeviceAligner> make_device_aligner(std::shared_ptr<const engine::Context> context, const Plan& plan,
                                                    const AlignerOptions& options = {}, Solver solver = Solver::host,
-                                                   std::shared_ptr<const Model> model = nullptr, const Tuning& tuning = {});
+                                                   std::shared_ptr<const Model> model = nullptr);
 
 }  // namespace iclk

@@ -6,18 +6,14 @@
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/device.h>
-#include <iclk/session/tuning_cache.h>
 
 namespace iclk {
 namespace {
 
-/// Kernels are those of the user's cache, where it lacks them usual_variant(): nothing is measured (session/tuning_cache.h).
 std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<engine::Context>& context, const Plan& plan,
                                           const ModelStage& stage) {
   if (solver == Solver::cpu) return make_cpu_aligner(plan, stage.aligner, stage.model);
-  Tuning tuning;
-  if (stage.model && tuning_mode() == TuningMode::cache) tuning = read_tuning(*context, cache_folder());
-  return make_device_aligner(context, plan, stage.aligner, solver, stage.model, tuning);
+  return make_device_aligner(context, plan, stage.aligner, solver, stage.model);
 }
 
 SessionOptions checked(SessionOptions options) {
@@ -112,9 +108,7 @@ void Session::make(const Needs& needs, bool keep_references) {
   making_ms_ += time.ms();
 }
 
-bool Session::searches(bool without_guess) const {
-  return without_guess || options_.search == SearchMode::on;
-}
+bool Session::searches(bool without_guess) const { return without_guess || options_.search == SearchMode::on; }
 
 void Session::expect(int width, int height, int features) {
   Needs needs = keyframes_;

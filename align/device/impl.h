@@ -25,7 +25,7 @@ struct DeviceAligner::Impl {
   };
 
   Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
-       const std::shared_ptr<const Model>& model, const Tuning& tuning);
+       const std::shared_ptr<const Model>& model);
 
   std::shared_ptr<const engine::Context> context;
   Plan plan;

@@ -261,16 +261,6 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
     if (*kernel) size.add(*kernel, 2);
 }
 
-uint64_t conv_shader_hash() {
-  uint64_t hash = 0xcbf29ce484222325u;  // FNV-1a
-  const engine::ShaderCode all[] = {conv_direct_comp_spv,     conv_direct_shared_comp_spv, winograd4_fused_comp_spv,
-                                    winograd4_input_comp_spv, winograd4_product_comp_spv,  winograd4_product_plain_comp_spv,
-                                    winograd4x1_comp_spv,     winograd4x1_fused_comp_spv,  winograd4x1_plain_comp_spv};
-  for (const engine::ShaderCode& code : all)
-    for (uint32_t word : code.texels) hash = (hash ^ word) * 0x100000001b3u;
-  return hash;
-}
-
 bool can_shuffle(const engine::DeviceInfo& info) {
   return info.subgroup_size >= kBlock && (info.subgroup_operations & VK_SUBGROUP_FEATURE_SHUFFLE_BIT) != 0;
 }

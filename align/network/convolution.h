@@ -72,9 +72,6 @@ class ConvKernels {
   engine::Kernel tile_input_, tile_product_[2], tile_fused_[2];  // [1]: reduced
 };
 
-/// Of the SPIR-V that convolutions run.
-uint64_t conv_shader_hash();
-
 /// The device hands values between at least eight lanes of a subgroup in compute shaders.
 bool can_shuffle(const engine::DeviceInfo& info);
 

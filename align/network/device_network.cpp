@@ -2,9 +2,9 @@
 
 namespace iclk::internal {
 DeviceNetwork::DeviceNetwork(const engine::Context& context, const std::shared_ptr<const Model>& model, const Layout& layout,
-                             const Plan& plan, int batch, const Tuning& tuning, engine::MemoryPlan& memory) {
+                             const Plan& plan, int batch, engine::MemoryPlan& memory) {
   if (!model) return;
-  encoder.emplace(context, model, layout, plan, static_cast<uint32_t>(batch + plan.max_references), memory, tuning);
+  encoder.emplace(context, model, layout, plan, static_cast<uint32_t>(batch + plan.max_references), memory);
   if (!model->m_estimator.empty()) m_estimator.emplace(context, model, layout, plan, batch, memory);
 }
 

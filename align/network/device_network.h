@@ -11,7 +11,7 @@ namespace iclk::internal {
 struct DeviceNetwork {
   /// Arithmetic only: adds its buffers to `memory`. Precondition: check_model(), check_model_use().
   DeviceNetwork(const engine::Context& context, const std::shared_ptr<const Model>& model, const Layout& layout,
-                const Plan& plan, int batch, const Tuning& tuning, engine::MemoryPlan& memory);
+                const Plan& plan, int batch, engine::MemoryPlan& memory);
 
   /// Kernels and weights. `sum_lanes`: WorkgroupSizes::iterate. Once, with a workspace of that plan.
   void load(const std::shared_ptr<const engine::Context>& context, const engine::Workspace& memory, uint32_t sum_lanes);

@@ -18,7 +18,8 @@ constexpr uint64_t kPassBytes = 192ull << 20;
 }  // namespace
 
 Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-                 uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning, uint64_t most_bytes, bool shuffle)
+                 uint32_t most_images, engine::MemoryPlan& memory, std::optional<ConvVariant> variant, uint64_t most_bytes,
+                 bool shuffle)
     : model_(std::move(model)),
       format_(plan.format),
       shuffle_(shuffle && can_shuffle(context.info())),
@@ -39,12 +40,10 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       step.out = tensors[l][i + 1];
       step.dilation = static_cast<uint32_t>(layer.dilation);
       const bool last = i + 1 == model_->encoder[l].size();
-      // The others read storage texel buffers.
-      step.variant = context.storage_reads()
-                         ? ConvVariant::direct
-                         : tuning.choose({layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width),
-                                          static_cast<int>(step.in.height), last},
-                                         context.info().type);
+      const ConvShape shape{
+          layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width), static_cast<int>(step.in.height), last};
+      step.variant = variant.value_or(choose_variant(shape, context.info().type));
+      if (context.storage_reads()) step.variant = ConvVariant::direct;  // the others read storage texel buffers
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.fused = shuffle_ && can_fuse(step, context);
       step.reduced = last && can_reduce(step);

@@ -1,6 +1,7 @@
 #pragma once
 #include <array>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include <iclk/align/network/feature_maps.h>
@@ -13,12 +14,12 @@ namespace iclk::internal {
 class Encoder {
  public:
   /// Arithmetic only: adds its buffers to `memory`. The `layout.levels.size()` finest levels of the model are computed, for up
-  /// to `most_images` images at a time. An image that needs more than `most_bytes` a buffer for its activations goes through in
-  /// tiles. `shuffle`: with the kernels for devices that can, see can_shuffle(). Precondition: the model has so many levels.
-  /// Throws Error(unsupported): see Tiling.
+  /// to `most_images` images at a time. `variant`: of every layer, in place of choose_variant(). An image that needs more than
+  /// `most_bytes` a buffer for its activations goes through in tiles. `shuffle`: with the kernels for devices that can, see
+  /// can_shuffle(). Precondition: the model has so many levels. Throws Error(unsupported): see Tiling.
   Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-          uint32_t most_images, engine::MemoryPlan& memory, const Tuning& tuning = {}, uint64_t most_bytes = kActivationBytes,
-          bool shuffle = true);
+          uint32_t most_images, engine::MemoryPlan& memory, std::optional<ConvVariant> variant = {},
+          uint64_t most_bytes = kActivationBytes, bool shuffle = true);
 
   /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory);

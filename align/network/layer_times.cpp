@@ -3,15 +3,17 @@
 #include <algorithm>
 #include <chrono>
 #include <ctime>
-#include <deque>
+#include <map>
 #include <optional>
+#include <set>
 #include <span>
 
 #include <iclk/align/network/feature_maps.h>
+#include <iclk/align/network/tiling.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 
-namespace iclk {
+namespace iclk::internal {
 namespace {
 
 // A CPU device works in this process: its processor time, which other work on the machine disturbs least. Else the wall's.
@@ -20,22 +22,9 @@ double now(engine::DeviceType type) {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// Why this device cannot do it, if so. What concerns more than one variant goes through: a lost device above all.
-template <class Work>
-std::optional<Error> attempt(const Work& work) {
-  try {
-    work();
-    return {};
-  } catch (const Error& error) {
-    const ErrorCode code = error.code();
-    if (code != ErrorCode::unsupported && code != ErrorCode::vulkan && code != ErrorCode::out_of_memory) throw;
-    return error;
-  }
-}
-
 // Weights are not packed yet.
-internal::ConvStep step_of(const ConvShape& shape, ConvVariant variant, const engine::Context& context) {
-  internal::ConvStep step;
+ConvStep step_of(const ConvShape& shape, ConvVariant variant, const engine::Context& context) {
+  ConvStep step;
   step.variant = variant;
   step.dilation = static_cast<uint32_t>(shape.dilation);
   step.in = {static_cast<uint32_t>(shape.width), static_cast<uint32_t>(shape.height), static_cast<uint32_t>(shape.in), 1,
@@ -47,50 +36,50 @@ internal::ConvStep step_of(const ConvShape& shape, ConvVariant variant, const en
     step.half.width /= 2;
     step.half.height /= 2;
   }
-  step.fused = internal::can_fuse(step, context);
-  step.reduced = shape.last && internal::can_reduce(step);
+  step.fused = can_fuse(step, context);
+  step.reduced = shape.last && can_reduce(step);
   step.whole_map = true;
   return step;
 }
 
 // As the finest levels have it, with rows of whole vec4.
-internal::MapPlace place_of(const internal::ConvStep& step) {
+MapPlace place_of(const ConvStep& step) {
   const uint32_t width = step.out.width, height = step.out.height, pitch = (width + 3) / 4 * 4;
   return {0, pitch, pitch * height, 0, 0, width, height};
 }
 
-// Those of a variant are made apart from the others', as they may fail.
+// Those of a variant are made apart from the others', as a device may not have what they need; all have what `direct` does.
 struct Kernels {
   Kernels(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes) : maps(context) {
     for (ConvVariant variant : kConvVariants) {
-      std::vector<internal::ConvStep> steps;
+      std::vector<ConvStep> steps;
       for (const ConvShape& shape : shapes) steps.push_back(step_of(shape, variant, *context));
-      const auto failed = attempt([&] {
-        convolutions.try_emplace(variant, context, std::span<const internal::ConvStep>(steps),
-                                 internal::can_shuffle(context->info()));
-      });
-      if (failed) errors.try_emplace(variant, *failed);
+      try {
+        convolutions.try_emplace(variant, context, std::span<const ConvStep>(steps), can_shuffle(context->info()));
+      } catch (const Error& error) {
+        if (variant == ConvVariant::direct || error.code() == ErrorCode::device_lost) throw;
+        dropped.push_back({variant, error.what()});
+      }
     }
   }
-  internal::FeatureMaps maps;
-  std::map<ConvVariant, internal::ConvKernels> convolutions;
-  std::map<ConvVariant, Error> errors;  // of the others
+  FeatureMaps maps;
+  std::map<ConvVariant, ConvKernels> convolutions;
+  std::vector<LayerTimes::Dropped> dropped;
 };
 
 // What all variants of a layer read and write.
 struct Tensors {
   Tensors(const std::shared_ptr<const engine::Context>& context, const ConvShape& shape) {
-    const internal::ConvStep step = step_of(shape, ConvVariant::direct, *context);
+    const ConvStep step = step_of(shape, ConvVariant::direct, *context);
     // A reduced output and the sums behind it are smaller than a whole one, but not at a pixel or two.
-    const uint64_t reduced = shape.last ? internal::channel_sums(step).texels(1) : 0;
+    const uint64_t reduced = shape.last ? channel_sums(step).texels(1) : 0;
     engine::MemoryPlan plan;
     const auto add = [&](const char* what, uint64_t texels) {
-      return plan.add(what, internal::kTexelBytes * texels, engine::MemoryKind::device, internal::ConvKernels::kActivations,
-                      internal::kTexelFormat);
+      return plan.add(what, kTexelBytes * texels, engine::MemoryKind::device, ConvKernels::kActivations, kTexelFormat);
     };
-    x = add("tuning: input", std::max(step.in.texels(), step.half.texels()));
-    y = add("tuning: output", std::max(step.out.texels(), reduced));
-    map = plan.add("tuning: map", 4ull * place_of(step).stride, engine::MemoryKind::device, engine::BufferUse::storage);
+    x = add("timed layer: input", std::max(step.in.texels(), step.half.texels()));
+    y = add("timed layer: output", std::max(step.out.texels(), reduced));
+    map = plan.add("timed layer: map", 4ull * place_of(step).stride, engine::MemoryKind::device, engine::BufferUse::storage);
     memory.emplace(context, plan);
     engine::Submission fill(context);
     engine::DescriptorArena arena(context, {});
@@ -107,24 +96,24 @@ struct Tensors {
 // A layer in one variant, ready to be run.
 class Trial {
  public:
-  Trial(const std::shared_ptr<const engine::Context>& context, const Kernels& kernels,
-        const internal::ConvKernels& convolutions, const ConvShape& shape, ConvVariant variant, const Tensors& tensors)
+  Trial(const std::shared_ptr<const engine::Context>& context, const Kernels& kernels, const ConvKernels& convolutions,
+        const ConvShape& shape, ConvVariant variant, const Tensors& tensors)
       : type_(context->info().type), submission_(context) {
     const size_t in = static_cast<size_t>(shape.in), out = static_cast<size_t>(shape.out);
     const ConvLayer layer{shape.in, shape.out, shape.dilation, std::vector<float>(9 * in * out, 1e-3f),
                           std::vector<float>(out, 0.1f)};
-    internal::ConvStep step = step_of(shape, variant, *context);
-    internal::PackedWeights packed;
+    ConvStep step = step_of(shape, variant, *context);
+    PackedWeights packed;
     step.packed = packed.add(layer, variant);
     engine::MemoryPlan plan;
     const auto add = [&](const char* what, uint64_t texels, engine::BufferUse use) {
-      return plan.add(what, internal::kTexelBytes * texels, engine::MemoryKind::device, use, internal::kTexelFormat);
+      return plan.add(what, kTexelBytes * texels, engine::MemoryKind::device, use, kTexelFormat);
     };
-    using Uses = internal::ConvKernels;
-    const auto w = add("tuning: weights", packed.data().size() / 4, Uses::kWeights),
-               tiles = add("tuning: tiles", std::max<uint64_t>(Uses::scratch_texels(step, *context), 1), Uses::kScratch);
+    using Uses = ConvKernels;
+    const auto w = add("timed layer: weights", packed.data().size() / 4, Uses::kWeights),
+               tiles = add("timed layer: tiles", std::max<uint64_t>(Uses::scratch_texels(step, *context), 1), Uses::kScratch);
     memory_.emplace(context, plan);
-    internal::write_buffer(context, (*memory_)[w], packed.data());
+    write_buffer(context, (*memory_)[w], packed.data());
     engine::ArenaSize size;
     convolutions.add_to(size);
     kernels.maps.add_to(size, 1);
@@ -135,10 +124,10 @@ class Trial {
     const engine::Workspace& shared = *tensors.memory;
     const engine::Buffer &x = shared[tensors.x], &y = shared[tensors.y], &scratch = (*memory_)[tiles];
     if (step.fused) convolutions.record_start(recorder, scratch);
-    const internal::MapPlace place = place_of(step);
-    const internal::MapPart part{&shared[tensors.map], 0, 1, 0};
+    const MapPlace place = place_of(step);
+    const MapPart part{&shared[tensors.map], 0, 1, 0};
     convolutions.record(recorder, step, x, (*memory_)[w], y, scratch, place, std::span(&part, 1));
-    if (shape.last && !internal::writes_map(step)) kernels.maps.record(recorder, step, y, x, place, part);
+    if (shape.last && !writes_map(step)) kernels.maps.record(recorder, step, y, x, place, part);
     recorder.finish();
     submission_.end();
   }
@@ -164,42 +153,35 @@ class Trial {
 
 LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, const Kernels& kernels, const ConvShape& shape,
                       int repetitions) {
-  std::map<ConvVariant, Error> errors = kernels.errors;
   const Tensors tensors(context, shape);
   std::map<ConvVariant, Trial> trials;
   std::map<ConvVariant, std::vector<double>> seconds;
-  // Drops the variant if the work fails.
-  const auto with = [&](ConvVariant variant, const auto& work) {
-    if (const auto failed = attempt(work)) {
-      errors.try_emplace(variant, *failed);
-      trials.erase(variant);
-    }
-  };
   for (const auto& [variant, convolutions] : kernels.convolutions)
-    with(variant, [&] {
-      // The first run, which compiles, does not count.
-      trials.try_emplace(variant, context, kernels, convolutions, shape, variant, tensors).first->second.run();
-    });
+    // The first run, which compiles, does not count.
+    trials.try_emplace(variant, context, kernels, convolutions, shape, variant, tensors).first->second.run();
   // They take turns, so that what else the machine does for a while falls on all of them.
   for (int run = 0; run < repetitions; ++run)
-    for (const auto& [variant, convolutions] : kernels.convolutions)
-      if (const auto trial = trials.find(variant); trial != trials.end())
-        with(variant, [&] { seconds[variant].push_back(trial->second.run()); });
-  LayerTimes times{shape, {}, {}};
-  for (ConvVariant variant : kConvVariants) {
-    if (const auto failed = errors.find(variant); failed != errors.end()) {
-      times.dropped.push_back({variant, failed->second.what()});
-      continue;
-    }
-    std::vector<double>& all = seconds[variant];
+    for (auto& [variant, trial] : trials) seconds[variant].push_back(trial.run());
+  LayerTimes times{shape, {}, kernels.dropped};
+  for (auto& [variant, all] : seconds) {
     std::sort(all.begin(), all.end());
     times.ways.push_back({variant, all[all.size() / 2], all.front()});
   }
-  if (times.ways.empty()) throw errors.begin()->second;
   return times;
 }
 
 }  // namespace
+
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels) {
+  levels = std::min(levels, model.levels());
+  const Tiling tiling(model, static_cast<uint32_t>(width), static_cast<uint32_t>(height), levels);
+  std::set<ConvShape> shapes;
+  for (int l = 0; l < levels; ++l)
+    for (const ConvLayer& layer : model.encoder[static_cast<size_t>(l)])
+      shapes.insert({layer.in, layer.out, layer.dilation, static_cast<int>(tiling.width >> l),
+                     static_cast<int>(tiling.height >> l), &layer == &model.encoder[static_cast<size_t>(l)].back()});
+  return {shapes.begin(), shapes.end()};
+}
 
 const LayerTimes::Way& LayerTimes::fastest() const {
   return *std::min_element(ways.begin(), ways.end(), [](const Way& a, const Way& b) { return a.least < b.least; });
@@ -216,20 +198,10 @@ std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>
   if (shapes.empty()) return times;
   const Kernels kernels(context, shapes);
   for (const ConvShape& shape : shapes) {
-    if (progress) progress(static_cast<int>(times.size()), static_cast<int>(shapes.size()));
+    progress(static_cast<int>(times.size()), static_cast<int>(shapes.size()));
     times.push_back(time_layer(context, kernels, shape, repetitions));
   }
   return times;
 }
 
-Tuning tune(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes, Tuning known,
-            const std::function<void(int, int)>& progress) {
-  std::vector<ConvShape> missing;
-  for (const ConvShape& shape : shapes)
-    if (!known.variants.contains(shape)) missing.push_back(shape);
-  for (const LayerTimes& layer : time_layers(context, missing, kTuningRuns, progress))
-    known.variants[layer.shape] = layer.fastest().variant;
-  return known;
-}
-
-}  // namespace iclk
+}  // namespace iclk::internal

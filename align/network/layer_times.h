@@ -4,9 +4,15 @@
 #include <string>
 #include <vector>
 
-#include <iclk/align/tuning.h>
+#include <iclk/align/model.h>
+#include <iclk/align/network/conv_variant.h>
+#include <iclk/engine/context.h>
 
-namespace iclk {
+namespace iclk::internal {
+
+/// Layers that a device computes of `levels` levels of a model's encoder at an image size, each once: those of a tile where
+/// the image is cut. Throws Error(unsupported) for an image that cannot be cut small enough.
+std::vector<ConvShape> encoder_shapes(const Model& model, int width, int height, int levels);
 
 /// What a layer of an image costs in each variant, seconds: of processor time on a device that is a CPU, else by the clock of
 /// the device, or where it has none the wall's.
@@ -20,20 +26,16 @@ struct LayerTimes {
     std::string why;
   };
   ConvShape shape;
-  std::vector<Way> ways;         ///< every variant that the device can run; one at least
-  std::vector<Dropped> dropped;  ///< the others
+  std::vector<Way> ways;         ///< every variant that the device can run; `direct` is one
+  std::vector<Dropped> dropped;  ///< the others, which are the same of every layer
 
   const Way& fastest() const;                 ///< by its least time
   const Way* way(ConvVariant variant) const;  ///< null where it was dropped
 };
-/// Measures layers on the device, every variant `repetitions` times in turns. One whose kernels cannot be built or run
-/// (Error(unsupported), Error(vulkan), Error(out_of_memory)) is dropped. Memory: input and output of one layer, transformed
-/// tiles of every variant. `progress`, if given, is called before each layer with its number and how many there are. Throws
-/// Error(device_lost), and the first error where no variant is left. Precondition: repetitions > 0.
+/// Measures layers on the device, every variant `repetitions` times in turns. One whose kernels cannot be built is dropped.
+/// Memory: input and output of one layer, transformed tiles of every variant. `progress` is called before each layer with its
+/// number and how many there are. Throws what the device throws. Precondition: repetitions > 0.
 std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes,
-                                    int repetitions, const std::function<void(int layer, int layers)>& progress = {});
+                                    int repetitions, const std::function<void(int layer, int layers)>& progress);
 
-/// Repetitions that a choice needs, of which the least counts.
-constexpr int kTuningRuns = 5;
-
-}  // namespace iclk
+}  // namespace iclk::internal

@@ -3,7 +3,7 @@
 #include <vector>
 
 #include <iclk/align/model.h>
-#include <iclk/align/tuning.h>
+#include <iclk/align/network/conv_variant.h>
 
 namespace iclk::internal {
 

@@ -205,7 +205,7 @@ def align(
                              "they must have one size")
     chosen_model = default_model() if model is None else model
     kinds = (first.ndim, first.dtype.str, second.ndim, second.dtype.str, mask is None)
-    environment = (os.getpid(), os.environ.get("ICLK_DEVICE"), os.environ.get("ICLK_TUNING"))
+    environment = (os.getpid(), os.environ.get("ICLK_DEVICE"))
     key = (first.shape[:2], kinds, chosen_model, device, tuple(sorted(options.items())), environment)
     kept: OrderedDict[Any, Aligner] = _kept.__dict__.setdefault("aligners", OrderedDict())
     aligner = kept.pop(key, None)

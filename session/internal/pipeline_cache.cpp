@@ -1,6 +1,7 @@
 #include <iclk/session/internal/pipeline_cache.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <filesystem>
 #include <sstream>
 #include <string_view>
@@ -8,12 +9,22 @@
 #include <iclk/engine/error.h>
 #include <iclk/session/io/output.h>
 #include <iclk/session/io/text.h>
-#include <iclk/session/tuning_cache.h>
 
 namespace iclk::internal {
 namespace {
 
 constexpr size_t kMostBytes = size_t{256} << 20;
+
+std::string absolute(const char* variable) {
+  const char* value = std::getenv(variable);
+  return value && value[0] == '/' ? value : "";
+}
+
+std::string cache_folder() {
+  if (const std::string cache = absolute("XDG_CACHE_HOME"); !cache.empty()) return cache + "/iclk";
+  if (const std::string home = absolute("HOME"); !home.empty()) return home + "/.cache/iclk";
+  return {};
+}
 
 /// A line before the data. A driver may crash on data that are not what it gave.
 std::string head_of(std::string_view data) {

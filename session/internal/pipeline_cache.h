@@ -7,7 +7,8 @@
 
 namespace iclk::internal {
 
-/// Where compiled pipelines of this device, driver and version of iclk are kept; empty where there is no cache_folder().
+/// Where compiled pipelines of this device, driver and version of iclk are kept; empty where neither XDG_CACHE_HOME nor HOME is
+/// an absolute path.
 std::string pipeline_file(const engine::DeviceInfo& device);
 
 /// What write_pipelines() put there: VkPipelineCache's data. Nothing where the file is missing, damaged, or not ours.

@@ -17,6 +17,7 @@ namespace {
 
 using internal::ConvKernels;
 using internal::ConvStep;
+using internal::ConvVariant;
 using internal::TensorLayout;
 
 struct Shape {

@@ -1,5 +1,6 @@
 #pragma once
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -19,20 +20,13 @@ struct DeviceEncoder {
   internal::Layout layout;
   bool shuffle = true;
   uint64_t most_bytes = internal::kActivationBytes;
-  Tuning tuning;
+  std::optional<internal::ConvVariant> variant;  ///< of every layer
 
   DeviceEncoder(std::shared_ptr<const Model> m, int width, int height, int levels, PixelFormat format)
       : model(std::move(m)), plan(plan_of(width, height, format)), layout(plan, options_of(levels), model.get()) {}
 
   int levels() const { return static_cast<int>(layout.levels.size()); }
   internal::Tiling tiling() const { return {*model, layout.levels[0].width, layout.levels[0].height, levels(), most_bytes}; }
-  /// The same variant for every layer.
-  void use(ConvVariant variant) {
-    const internal::Tiling t = tiling();
-    for (const ConvShape& shape : encoder_shapes(*model, static_cast<int>(t.width), static_cast<int>(t.height), levels()))
-      tuning.variants[shape] = variant;
-  }
-
   /// Maps of all images, in passes of `pass` images; the last `last` of them are recorded after the first one, as if they lay
   /// elsewhere. Precondition: `last` is less than their number.
   std::vector<float> encode(const std::vector<ImageView>& images, uint32_t pass, uint32_t last = 0) const {
@@ -45,7 +39,7 @@ struct DeviceEncoder {
                         engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(plan.format));
     const auto maps = memory_plan.add("maps", 4ull * layout.map_stride * n, engine::MemoryKind::device,
                                       engine::BufferUse::storage | engine::BufferUse::texel, VK_FORMAT_R32_SFLOAT);
-    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, tuning, most_bytes, shuffle);
+    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, variant, most_bytes, shuffle);
     EXPECT_EQ(encoder.images_per_pass(), pass);
     const engine::Workspace memory(context, memory_plan);
     encoder.load(context, memory);

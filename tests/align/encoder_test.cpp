@@ -12,6 +12,8 @@
 namespace iclk {
 namespace {
 
+using internal::ConvVariant;
+
 struct Case {
   ConvVariant variant;
   bool shuffle;
@@ -40,7 +42,7 @@ TEST_P(EncoderDevice, IsThePlainOneInEveryBatch) {
   model->normalisation = c.normalisation;
   test::DeviceEncoder encoder(model, c.width, c.height, c.levels, c.format);
   encoder.shuffle = c.shuffle;
-  encoder.use(c.variant);
+  encoder.variant = c.variant;
   ASSERT_FALSE(encoder.layout.level0_in_pixels);
 
   std::mt19937 random(3);
@@ -85,7 +87,7 @@ TEST(EncoderByImage, HolesAreNoPartOfTheLight) {
   const auto model = test::odd_model(3);
   model->normalisation = Normalisation::image;
   test::DeviceEncoder encoder(model, 90, 40, 1, PixelFormat::rgba32f);
-  encoder.use(ConvVariant::direct);
+  encoder.variant = ConvVariant::direct;
   std::mt19937 random(4);
   std::vector<float> pixels;
   for (int i = 0; i < 3 * 90 * 40; ++i) pixels.push_back(static_cast<float>(random() % 256) / 255);

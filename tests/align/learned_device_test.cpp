@@ -12,7 +12,7 @@
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 
-#include "device_encoder.h"
+#include "device.h"
 #include "learned_golden.h"
 #include "read_back.h"
 
@@ -48,7 +48,7 @@ double largest(const std::vector<float>& values) {
   return most;
 }
 
-using Way = std::tuple<Case, Solver, ConvVariant>;
+using Way = std::tuple<Case, Solver>;
 
 class LearnedDevice : public testing::TestWithParam<Way> {
  protected:
@@ -61,10 +61,7 @@ class LearnedDevice : public testing::TestWithParam<Way> {
 
 TEST_P(LearnedDevice, EveryIteration) {
   const auto model = std::make_shared<const Model>(golden_model(golden));
-  Tuning tuning;
-  for (const ConvShape& shape : encoder_shapes(*model, golden.width(), golden.height(), levels))
-    tuning.variants[shape] = std::get<2>(GetParam());
-  DeviceAligner aligner(test::device(), plan_for(golden), paper_options(levels), solver, model, tuning);
+  DeviceAligner aligner(test::device(), plan_for(golden), paper_options(levels), solver, model);
   aligner.set_reference(0, {golden.view(rgb0), golden.camera(), golden.features(), {}});
   const Alignment a = aligner.align(Pair{0, golden.view(rgb1), {}, {}});
   const double motion = golden.truth().t.norm();
@@ -86,13 +83,10 @@ TEST_P(LearnedDevice, EveryIteration) {
 }
 
 std::string case_name(const testing::TestParamInfo<Way>& info) {
-  return std::get<0>(info.param).golden + std::string(std::get<1>(info.param) == Solver::device ? "_device_" : "_host_") +
-         name(std::get<2>(info.param));
+  return std::get<0>(info.param).golden + std::string(std::get<1>(info.param) == Solver::device ? "_device" : "_host");
 }
 INSTANTIATE_TEST_SUITE_P(Golden, LearnedDevice,
-                         testing::Combine(testing::ValuesIn(kCases), testing::Values(Solver::host, Solver::device),
-                                          testing::ValuesIn(kConvVariants)),
-                         case_name);
+                         testing::Combine(testing::ValuesIn(kCases), testing::Values(Solver::host, Solver::device)), case_name);
 
 // The stages one by one, each level from the pose with which the specification starts it.
 class LearnedStages : public testing::TestWithParam<Case> {

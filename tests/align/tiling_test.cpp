@@ -2,6 +2,7 @@
 #include <cmath>
 #include <random>
 
+#include <iclk/align/network/layer_times.h>
 #include <iclk/align/network/network.h>
 #include <iclk/engine/error.h>
 
@@ -12,6 +13,8 @@
 namespace iclk {
 namespace {
 
+using internal::ConvShape;
+using internal::ConvVariant;
 using internal::Tiling;
 
 uint64_t bytes_of(const Model& model, uint32_t width, uint32_t height, int levels) {
@@ -77,7 +80,7 @@ TEST(Tiling, MeasuredShapesAreThoseOfTheTiles) {
   Model model = test::random_model({{32, 32}, {64, 64}});
   const Tiling tiling(model, 1500, 1101, 2);
   EXPECT_EQ(tiling.columns.size() * tiling.rows.size(), 2u);
-  const auto shapes = encoder_shapes(model, 1500, 1101, 2);
+  const auto shapes = internal::encoder_shapes(model, 1500, 1101, 2);
   ASSERT_EQ(shapes.size(), 4u);
   for (const ConvShape& shape : shapes) {
     const uint32_t level = shape.out == 64;
@@ -109,7 +112,7 @@ TEST_P(TiledEncoder, GivesTheMapsOfTheWholeImage) {
   test::DeviceEncoder encoder(model, c.width, c.height, c.levels, PixelFormat::rgba8);
   encoder.most_bytes = bytes_of(*model, c.tile, c.tile, c.levels);
   encoder.shuffle = internal::can_shuffle(test::device()->info());
-  encoder.use(c.variant);
+  encoder.variant = c.variant;
   const Tiling tiling = encoder.tiling();
   ASSERT_EQ(tiling.columns.size(), c.columns) << tiling.width;
   ASSERT_EQ(tiling.rows.size(), c.rows) << tiling.height;

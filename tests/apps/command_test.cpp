@@ -197,7 +197,7 @@ TEST_F(Command, ExamplesOfTheHelpCanBeCopied) {
     for (std::string line; std::getline(help, line);) {
       if (!line.starts_with("  iclk ")) continue;
       ++examples;
-      // What --tune finds stays here, what Mesa compiled where it is.
+      // Pipelines are kept here, what Mesa compiled where it is.
       const std::string caches = "MESA_SHADER_CACHE_DIR=${MESA_SHADER_CACHE_DIR:-$HOME/.cache} XDG_CACHE_HOME=$PWD/cache",
                         shell = "cd '" + folder.path("") + "' && PATH=.:$PATH && export " + caches + " && {" + line +
                                 "\n} >out 2>err";

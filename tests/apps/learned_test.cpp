@@ -1,11 +1,7 @@
 // A learned model on the command line: align, batch and bench.
-#include <algorithm>
-#include <cstdlib>
 #include <filesystem>
-#include <fstream>
 #include <map>
 #include <set>
-#include <sstream>
 
 #include <nlohmann/json.hpp>
 #include <opencv2/core.hpp>
@@ -14,7 +10,7 @@
 
 #include <iclk/align/model/safetensors.h>
 #include <iclk/align/model_file.h>
-#include <iclk/align/tuning.h>
+#include <iclk/align/network/conv_variant.h>
 
 #include "apps/iclk/commands/command.h"
 #include "command_fixture.h"
@@ -26,6 +22,7 @@ namespace {
 using Json = nlohmann::json;
 using test::Finished;
 using test::Folder;
+using test::run;
 
 class Learned : public test::Command {
  protected:
@@ -36,14 +33,6 @@ class Learned : public test::Command {
     save_model(model, file("narrow.safetensors"));
   }
 
-  /// Kernels that are measured are remembered in a folder of the test's own; what Mesa compiled stays where it is.
-  static Finished run(const std::vector<std::string>& arguments, const std::string& tuning = "cache") {
-    return test::run(arguments, [&] {
-      if (const char* home = getenv("HOME")) setenv("MESA_SHADER_CACHE_DIR", (std::string(home) + "/.cache").c_str(), 0);
-      setenv("XDG_CACHE_HOME", file("cache").c_str(), 1);
-      setenv("ICLK_TUNING", tuning.c_str(), 1);
-    });
-  }
   static std::vector<std::string> learned(std::vector<std::string> more = {}) {
     more.insert(more.begin(), {"--model", file("narrow.safetensors"), "--truth", truth_, "--json"});
     return align(more);
@@ -174,64 +163,6 @@ TEST_F(Learned, SearchesWhereNoPoseIsGiven) {
   EXPECT_EQ(json(run(learned({"--set", "refine=no", "--initial-pose", "0 0 0 0 0 0 1"})))["T_10"], started["T_10"]);
 }
 
-TEST_F(Learned, OnlyDevicesTuneMeasuresAndAlignTakesWhatItFound) {
-  if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
-  const Model model = test::random_model({{4}, {4}});
-  const std::string path = file("two_layers.safetensors");
-  save_model(model, path);
-  std::vector<std::string> line = learned();
-  std::replace(line.begin(), line.end(), file("narrow.safetensors"), path);
-  const Json cpu = json(run(line));
-  std::replace(line.begin(), line.end(), std::string("cpu"), std::string("device"));
-  const auto pose = [&](const std::string& tuning = "cache") { return json(run(line, tuning))["T_10"]; };
-  std::filesystem::remove_all(file("cache"));
-  const Json usual = pose();
-  EXPECT_FALSE(std::filesystem::exists(file("cache/iclk")));
-  EXPECT_EQ(pose("off"), usual);
-  for (int r = 0; r < 3; ++r)
-    for (int c = 0; c < 4; ++c) EXPECT_NEAR(usual[r][c].get<double>(), cpu["T_10"][r][c].get<double>(), 2e-4);
-
-  const Finished tuned = run({"devices", "--tune", "--model", path, "--size", "320x240", "--json"});
-  const Json report = json(tuned);
-  EXPECT_EQ(report["layers"], 2);
-  EXPECT_NE(tuned.err.find("measuring"), std::string::npos) << tuned.err;
-  const std::string found = report["file"], text = test::bytes_of(found);
-  EXPECT_EQ(found.rfind(file("cache/iclk/"), 0), 0u) << found;
-  std::istringstream lines(text);
-  std::string header, of;
-  std::getline(lines, header) && std::getline(lines, of);
-  auto known = Tuning::parse(text, of);
-  ASSERT_TRUE(known);
-  for (const ConvShape& shape : encoder_shapes(model, 320, 240, 2)) EXPECT_TRUE(known->variants.contains(shape));
-
-  // What the file says is taken: this differs from the usual choice, which the pose shows to the last bit.
-  for (auto& [shape, variant] : known->variants) variant = ConvVariant::direct;
-  const auto write = [&](const std::string& bytes) { std::ofstream(found, std::ios::binary) << bytes; };
-  write(known->text(of));
-  const Json odd = pose();
-  EXPECT_NE(odd, usual);
-  EXPECT_EQ(pose(), odd);
-  EXPECT_EQ(pose("off"), usual);
-  EXPECT_EQ(test::bytes_of(found), known->text(of));
-  write(known->text(of) + "x");
-  EXPECT_EQ(pose(), usual) << "damaged";
-}
-
-TEST_F(Learned, WishesForTuningThatCannotBe) {
-  if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
-  std::vector<std::string> line = learned();
-  std::replace(line.begin(), line.end(), std::string("cpu"), std::string("device"));
-  for (const char* value : {"perhaps", "force"}) {
-    const Finished bad = run(line, value);
-    EXPECT_EQ(bad.code, kBadInput);
-    EXPECT_NE(bad.err.find("'" + std::string(value) + "'; it may be off or cache"), std::string::npos) << bad.err;
-  }
-  EXPECT_EQ(run({"devices", "--model", file("narrow.safetensors")}).code, kUsage) << "without --tune";
-  EXPECT_EQ(run({"devices", "--tune", "--model", "no_such_model"}).code, kIo);
-  EXPECT_EQ(run({"devices", "--tune", "--size", "640"}).code, kBadInput);
-  EXPECT_EQ(run({"devices", "--tune", "--device", "no such device"}).code, kNoDevice);
-}
-
 TEST_F(Learned, ABatchGoesOnOnlyWithTheSameWeights) {
   const Folder folder;
   const std::string model = folder.path("m.safetensors"), results = folder.path("r.jsonl");
@@ -258,8 +189,7 @@ TEST_F(Learned, BenchMeasuresEveryStage) {
   if (!test::has_program("iclk-bench")) GTEST_SKIP() << "no iclk-bench";
   if (run({"devices"}).code == kNoDevice) GTEST_SKIP() << "no Vulkan device on this machine";
   const Finished f = run({"bench", "--model", file("narrow.safetensors"), "--size", "192x144", "--pairs", "1,2",
-                          "--repetitions", "1", "--json", "--save-pair", file("pair.safetensors")},
-                         "off");
+                          "--repetitions", "1", "--json", "--save-pair", file("pair.safetensors")});
   const Json report = json(f);
   std::multiset<std::string> methods;
   std::map<std::string, double> errors;
@@ -300,14 +230,14 @@ TEST_F(Learned, BenchMeasuresEveryLayerInEveryVariant) {
                                       "--size", "96x72",    "--repetitions", "2"};
   std::vector<std::string> machine = line;
   machine.push_back("--json");
-  const Json report = json(run(machine, "off"));
+  const Json report = json(run(machine));
   const Model model = load_model(file("narrow.safetensors"));
   size_t layers = 0, last = 0;
   for (const auto& level : model.encoder) layers += level.size();
   ASSERT_EQ(report["layers"].size(), layers);
   for (const auto& layer : report["layers"]) {
     last += layer["last"].get<bool>();
-    ASSERT_EQ(layer["variants"].size(), std::size(kConvVariants));
+    ASSERT_EQ(layer["variants"].size(), std::size(internal::kConvVariants));
     for (const auto& way : layer["variants"]) {
       EXPECT_GT(way["ms_min"], 0);
       EXPECT_GE(way["ms"], way["ms_min"]);
@@ -316,7 +246,7 @@ TEST_F(Learned, BenchMeasuresEveryLayerInEveryVariant) {
   }
   EXPECT_EQ(last, model.encoder.size());
 
-  const Finished table = run(line, "off");
+  const Finished table = run(line);
   EXPECT_EQ(table.code, 0) << table.err;
   EXPECT_NE(table.out.find("winograd4x1"), std::string::npos) << table.out;
   EXPECT_EQ(run({"bench", "--layers"}).code, kBadInput);

@@ -81,9 +81,7 @@ void add_bench(CLI::App& app, int& exit) {
                    "Write the first pair and the pose found for it as safetensors: what apps/train/bench.py --iclk compares")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_flag("--layers", options->layers,
-                    "Every layer of --model's encoder in every variant of its convolution: what `iclk devices --tune` chooses "
-                    "from");
+  command->add_flag("--layers", options->layers, "Every layer of --model's encoder in every variant of its convolution");
   options->session.model = "classical";
   command->add_option("--model", options->session.model, "A learned model, file or name (`iclk model info`), or classical")
       ->capture_default_str()

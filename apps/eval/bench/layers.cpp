@@ -1,7 +1,6 @@
 #include "apps/eval/bench/layers.h"
 
 #include <algorithm>
-#include <map>
 
 #include "apps/json/format.h"
 
@@ -9,6 +8,10 @@ namespace iclk {
 namespace {
 
 using Json = nlohmann::ordered_json;
+using internal::ConvShape;
+using internal::ConvVariant;
+using internal::kConvVariants;
+using internal::LayerTimes;
 
 // 10^9 multiplications and additions of the direct convolution.
 double gflop(const ConvShape& s) { return 18e-9 * s.in * s.out * s.width * s.height; }
@@ -25,9 +28,10 @@ LayerReport run_layers(const std::shared_ptr<engine::Context>& context, const Mo
   report.repetitions = repetitions;
   const bool cpu = context->info().type == engine::DeviceType::cpu;
   report.clock = cpu ? "processor" : context->timestamp_valid_bits() > 0 ? "device" : "wall";
-  auto shapes = encoder_shapes(model, width, height, levels);
+  auto shapes = internal::encoder_shapes(model, width, height, levels);
   std::stable_sort(shapes.begin(), shapes.end(), [](const auto& a, const auto& b) { return a.width > b.width; });
-  report.layers = time_layers(context, shapes, repetitions, [&](int layer, int layers) { progress("layers", layer, layers); });
+  report.layers =
+      internal::time_layers(context, shapes, repetitions, [&](int layer, int layers) { progress("layers", layer, layers); });
   progress("layers", static_cast<int>(shapes.size()), static_cast<int>(shapes.size()));
   return report;
 }
@@ -82,10 +86,8 @@ std::string to_table(const LayerReport& report) {
   }
   out += formatted("\nthe fastest of each: %.2f ms, %.1f GFLOP/s%s\n", 1e3 * sum, work / sum,
                    report.clock == "processor" ? " a core" : "");
-  std::map<ConvVariant, std::string> dropped;
-  for (const LayerTimes& layer : report.layers)
-    for (const LayerTimes::Dropped& one : layer.dropped) dropped.try_emplace(one.variant, one.why);
-  for (const auto& [variant, why] : dropped) out += formatted("-: %s does not run here: %s\n", name(variant), why.c_str());
+  for (const auto& [variant, why] : report.layers.front().dropped)
+    out += formatted("-: %s does not run here: %s\n", name(variant), why.c_str());
   out += "*: the last layer of a level, with its feature map and the means for the next level\n";
   return out;
 }

@@ -14,8 +14,8 @@ struct LayerReport {
   Machine machine;
   std::string model;
   int width = 0, height = 0, repetitions = 0;
-  std::string clock;               ///< "processor" of a device that is a CPU, "device" of one that has a clock, else "wall"
-  std::vector<LayerTimes> layers;  ///< each shape once, finest level first
+  std::string clock;  ///< "processor" of a device that is a CPU, "device" of one that has a clock, else "wall"
+  std::vector<internal::LayerTimes> layers;  ///< each shape once, finest level first
 };
 
 /// Precondition: repetitions > 0. Throws Error for a size that the encoder cannot cut small enough, or a failing device.

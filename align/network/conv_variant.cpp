@@ -1,0 +1,20 @@
+#include <iclk/align/network/conv_variant.h>
+
+#include <cstdint>
+
+namespace iclk::internal {
+
+const char* name(ConvVariant variant) {
+  constexpr const char* names[] = {"direct", "winograd4", "winograd4x1"};
+  return names[static_cast<int>(variant)];
+}
+
+// The numbers are of lavapipe (docs/convolutions.md). Transforms of whole tiles are paid once a layer: they pay where many
+// products follow, and where there are tiles enough that threads need not transform the same ones.
+ConvVariant choose_variant(const ConvShape& shape, engine::DeviceType type) {
+  if (type != engine::DeviceType::cpu) return ConvVariant::direct;
+  const int64_t in = shape.in, products = in * shape.out, input = in * shape.width * shape.height;
+  return products >= 512 && input >= 50'000 ? ConvVariant::winograd4 : ConvVariant::winograd4x1;
+}
+
+}  // namespace iclk::internal
