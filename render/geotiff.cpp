@@ -16,8 +16,12 @@
 #include <ogr_srs_api.h>
 
 #include <iclk/engine/error.h>
+#include <iclk/render/text.h>
 
 namespace iclk {
+
+using internal::number;
+
 namespace {
 
 constexpr int kLargestSide = 1 << 19;
@@ -48,12 +52,6 @@ struct Releaser {
   void operator()(OGRSpatialReferenceH system) const { OSRDestroySpatialReference(system); }
 };
 using System = std::unique_ptr<std::remove_pointer_t<OGRSpatialReferenceH>, Releaser>;
-
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.9g", value);
-  return text;
-}
 
 [[noreturn]] void bad(const std::string& path, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, path + " " + why);

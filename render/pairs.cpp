@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <random>
 
 #include <Eigen/Geometry>
 
+#include <iclk/align/common/text.h>
 #include <iclk/engine/error.h>
 
 namespace iclk {
@@ -14,16 +14,11 @@ namespace {
 
 using Eigen::AngleAxisd;
 using Eigen::Vector3d;
+using internal::text_of;
 
 constexpr int kDraws = 5000;
 // Pixels a side of the views by which most unsuitable poses are found out.
 constexpr int kQuick = 24;
-
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.6g", value);
-  return text;
-}
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
 
@@ -97,20 +92,21 @@ void PairOptions::check() const {
       fail("a camera of " + std::to_string(c.width) + "x" + std::to_string(c.height) + " pixels is too small");
   }
   if (!(altitude_min > 0) || !(altitude_max >= altitude_min) || !std::isfinite(altitude_max))
-    fail("altitudes of " + number(altitude_min) + " to " + number(altitude_max) + " m must be positive and in ascending order");
-  if (!(tilt >= 0) || !(tilt < 1.5)) fail("a tilt of " + number(tilt * 180 / M_PI) + " degrees must be 0 to 85");
+    fail("altitudes of " + text_of(altitude_min) + " to " + text_of(altitude_max) +
+         " m must be positive and in ascending order");
+  if (!(tilt >= 0) || !(tilt < 1.5)) fail("a tilt of " + text_of(tilt * 180 / M_PI) + " degrees must be 0 to 85");
   if (!(translation >= 0) || !std::isfinite(translation))
-    fail("a perturbation of " + number(translation) + " m must not be negative");
-  if (!(rotation >= 0) || !(rotation <= 1.5)) fail("a perturbation of " + number(rotation) + " rad must be 0 to 1.5");
+    fail("a perturbation of " + text_of(translation) + " m must not be negative");
+  if (!(rotation >= 0) || !(rotation <= 1.5)) fail("a perturbation of " + text_of(rotation) + " rad must be 0 to 1.5");
   if (!(orbit_min >= 0) || !(orbit_max >= orbit_min) || !(orbit_max <= M_PI))
-    fail("an orbit of " + number(orbit_min * 180 / M_PI) + " to " + number(orbit_max * 180 / M_PI) +
+    fail("an orbit of " + text_of(orbit_min * 180 / M_PI) + " to " + text_of(orbit_max * 180 / M_PI) +
          " degrees must be 0 to 180, in ascending order");
   if (!(start_min >= 0) || !(start_max > start_min))
-    fail("starts of " + number(start_min) + " to " + number(start_max) + " px must not be negative and in ascending order");
-  if (!(nearest >= 0) || !(nearest < 1)) fail("a nearest ground of " + number(nearest) + " of the altitude must be 0 to 1");
+    fail("starts of " + text_of(start_min) + " to " + text_of(start_max) + " px must not be negative and in ascending order");
+  if (!(nearest >= 0) || !(nearest < 1)) fail("a nearest ground of " + text_of(nearest) + " of the altitude must be 0 to 1");
   if (region.empty() || !(region.left >= 0 && region.bottom >= 0 && region.right <= 1 && region.top <= 1))
-    fail("region " + number(region.left) + "," + number(region.bottom) + "," + number(region.right) + "," + number(region.top) +
-         ": x0,y0,x1,y1 are fractions of the map, 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1");
+    fail("region " + text_of(region.left) + "," + text_of(region.bottom) + "," + text_of(region.right) + "," +
+         text_of(region.top) + ": x0,y0,x1,y1 are fractions of the map, 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1");
 }
 
 std::string PairSource::Rejected::text() const {
@@ -235,9 +231,9 @@ RenderedPair PairSource::draw(uint64_t index) {
                high = options_.altitude_min * c.height / std::abs(c.fy);
   Rejected now = rejected_;
   now.draws -= before.draws, now.outside -= before.outside, now.too_near -= before.too_near, now.start -= before.start;
-  fail("no room for a pair: from " + number(options_.altitude_min) + " m a view covers " + number(std::round(wide)) + " x " +
-       number(std::round(high)) + " m of level ground, the region is " + number(std::round(region_.width())) + " x " +
-       number(std::round(region_.height())) + " m (" + now.text() +
+  fail("no room for a pair: from " + text_of(options_.altitude_min) + " m a view covers " + text_of(std::round(wide)) + " x " +
+       text_of(std::round(high)) + " m of level ground, the region is " + text_of(std::round(region_.width())) + " x " +
+       text_of(std::round(region_.height())) + " m (" + now.text() +
        "); take lower altitudes, less tilt, a longer focal length, a larger region" +
        (now.start > 0 ? " or other starts" : ""));
 }

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
 #include <cstring>
 #include <string>
 
@@ -11,11 +10,15 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
+#include <iclk/render/text.h>
 #include <iclk/render/windows.h>
 
 #include "render.comp.spv.h"
 
 namespace iclk {
+
+using internal::number;
+
 namespace {
 
 using engine::BufferUse;
@@ -27,12 +30,6 @@ constexpr int kSmallestTile = 32;               // px; below, a coarser level of
 constexpr int kLargestSide = 32768;
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "render: " + why); }
-
-std::string metres(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.9g", value);
-  return text;
-}
 
 engine::Kernel make_kernel(const std::shared_ptr<const engine::Context>& context, const RenderOptions& options,
                            Distortion::Model model) {
@@ -186,12 +183,12 @@ struct TerrainRenderer::Impl {
     const Eigen::Vector2d cell = terrain->relief.pixel(T_WC.t.x(), T_WC.t.y()),
                           texel = terrain->mosaic.pixel(T_WC.t.x(), T_WC.t.y());
     if (cell.cwiseAbs().maxCoeff() > 1e8 || texel.cwiseAbs().maxCoeff() > 1e8 || std::abs(T_WC.t.z()) > 1e7)
-      fail("a camera at " + metres(T_WC.t.x()) + ", " + metres(T_WC.t.y()) + ", " + metres(T_WC.t.z()) +
+      fail("a camera at " + number(T_WC.t.x()) + ", " + number(T_WC.t.y()) + ", " + number(T_WC.t.z()) +
            " is too far from the map, " + terrain->extent().text());
     const auto ground = terrain->height_at(T_WC.t.x(), T_WC.t.y());
     if (ground && *ground >= T_WC.t.z())
-      fail("the camera at " + metres(T_WC.t.x()) + ", " + metres(T_WC.t.y()) + " is " + metres(T_WC.t.z()) +
-           " m high, the ground there " + metres(*ground) + " m: it must be above");
+      fail("the camera at " + number(T_WC.t.x()) + ", " + number(T_WC.t.y()) + " is " + number(T_WC.t.z()) +
+           " m high, the ground there " + number(*ground) + " m: it must be above");
   }
 
   shaders::RenderPush push(const Camera& camera, const SE3& T_WC, const Lens& lens, const PixelRect& tile, int finest) const {

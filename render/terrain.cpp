@@ -3,21 +3,18 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <cstdio>
 
 #include <iclk/engine/error.h>
+#include <iclk/render/text.h>
 
 namespace iclk {
+
+using internal::number;
+
 namespace {
 
 // Neither the deepest sea nor the highest mountain of the Earth: a forgotten nodata value, or feet.
 constexpr double kHighest = 12000;
-
-std::string number(double value) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%.9g", value);
-  return text;
-}
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "terrain: " + why); }
 

@@ -1,6 +1,7 @@
 // iclk_embed: an application with a Vulkan device of its own that aligns what it renders, within its own command buffer. The
 // part to read is run() in run.cpp.
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
@@ -29,8 +30,8 @@ int report(const embed::Options& options, const embed::Report& result) {
     const embed::FrameReport& f = result.frames[i];
     const bool right = f.status == iclk::Status::converged && f.error_px < kRightPx;
     wrong += !right;
-    std::printf("%5zu %10.2f %10.4f %9.4f %11.5f   %s%s\n", i + 1, f.start_px, f.error_px, f.error_m,
-                f.error_rad * 57.29577951308232, iclk::name(f.status), right ? "" : ": WRONG");
+    std::printf("%5zu %10.2f %10.4f %9.4f %11.5f   %s%s\n", i + 1, f.start_px, f.error_px, f.error_m, f.error_rad * 180 / M_PI,
+                iclk::name(f.status), right ? "" : ": WRONG");
   }
   const auto middle = [&](double embed::FrameReport::*time) {
     std::vector<double> all;

@@ -12,7 +12,7 @@
 #include "apps/embed/flight.h"
 #include "apps/embed/marks.h"
 #include "apps/embed/picture.h"
-#include "apps/embed/stopwatch.h"
+#include "apps/embed/timestamps.h"
 
 namespace embed {
 namespace {
@@ -115,7 +115,7 @@ Report run(const Options& options) {
     Renderer renderer(host, context, terrain, camera);
     Marks marks(host, recording->results().handle, recording->alignment().features().handle,
                 static_cast<uint32_t>(options.features), reference, target);
-    Stopwatch stopwatch(host, 3);
+    Timestamps timestamps(host, 3);
 
     iclk::SE3 T_W0 = camera_pose(terrain, 0);
     for (int frame = 1; frame <= options.frames; ++frame) {
@@ -125,9 +125,9 @@ Report run(const Options& options) {
 
       const auto start = Clock::now();
       VkCommandBuffer commands = host.begin();
-      stopwatch.record_start(commands);
+      timestamps.record_start(commands);
       renderer.record(commands, T_W0, T_W1, reference, depth, target);
-      stopwatch.record(commands);
+      timestamps.record(commands);
       // README
       // Every frame, behind the commands that render both images: alignment and refinement, into your command buffer.
       // The device chooses features where your depth image says how far they are.
@@ -136,7 +136,7 @@ Report run(const Options& options) {
       iclk::DevicePair pair{.reference = 0, .target = image(target.handle)};
       refiner.record(*recording, commands, {&keyframe, 1}, {&pair, 1});
       // end
-      stopwatch.record(commands);
+      timestamps.record(commands);
       // README
       // Your shaders read recording->results(), a VkBuffer of shaders::RefinedInfo.
       marks.record(commands, camera, truth);
@@ -150,7 +150,7 @@ Report run(const Options& options) {
       r.error_px = pixels_apart(camera, features, result.T_10, truth);
       const iclk::SE3 off = result.T_10.inverse() * truth;
       r.error_m = off.t.norm(), r.error_rad = off.angle();
-      const std::vector<double> parts = stopwatch.read();
+      const std::vector<double> parts = timestamps.read();
       if (parts.size() == 2) r.render_ms = parts[0], r.align_ms = parts[1];
       report.frames.push_back(r);
       if (!result.converged()) continue;  // from where it was found last

@@ -2,11 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 #include <numbers>
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/text.h>
+
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {
@@ -165,10 +166,7 @@ AppearanceSpec parse_appearance(const std::string& text) {
 }
 
 std::string to_text(const AppearanceSpec& spec) {
-  if (spec.clean()) return spec.kind;
-  char number[32];
-  std::snprintf(number, sizeof number, "%g", spec.strength);
-  return spec.kind + ":" + number;
+  return spec.clean() ? spec.kind : formatted("%s:%g", spec.kind.c_str(), spec.strength);
 }
 
 uint64_t appearance_seed(uint64_t seed, std::string_view id, int variant, Side side) {

@@ -1,8 +1,8 @@
-#include <chrono>
 #include <filesystem>
 
 #include <spdlog/spdlog.h>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/session/io/output.h>
 
 #include "apps/eval/commands.h"
@@ -10,11 +10,12 @@
 #include "apps/eval/pictures.h"
 #include "apps/eval/report.h"
 #include "apps/iclk/batch/loaders.h"
-#include "apps/iclk/batch/progress.h"
 #include "apps/iclk/commands/command.h"
 #include "apps/iclk/common/not_empty.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/io/images.h"
 #include "apps/iclk/session/run_options.h"
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {
@@ -68,11 +69,7 @@ std::vector<AppearanceSpec> appearances_of(const EvalCommand& command) {
   std::vector<std::string> kinds = command.sweep;
   if (kinds == std::vector<std::string>{"all"}) kinds = appearance_kinds();
   for (const std::string& kind : kinds)
-    for (const double strength : command.strengths) {
-      char number[32];
-      std::snprintf(number, sizeof number, "%.9g", strength);
-      specs.push_back(parse_appearance(kind + ":" + number));
-    }
+    for (const double strength : command.strengths) specs.push_back(parse_appearance(kind + formatted(":%.9g", strength)));
   return specs;
 }
 
@@ -102,15 +99,13 @@ void run(EvalCommand& command, int& exit) {
   if (!command.out.empty()) make_output_folder(command.out);
 
   ProgressBar bar;
-  const auto start = std::chrono::steady_clock::now();
+  const internal::Stopwatch watch;
   const EvalLoader loader{[&](const ManifestLine& line) { return loaders.load(manifest, line); },
                           [&](const PairRequest& request, const std::string& file) {
                             const PairFiles files{request.files.target, request.files.target, file, ""};
                             return loaders.loader(request)->load(files).depth_0;
                           }};
-  const EvalProgress show = [&](int done, int total) {
-    bar.show({total, 0, done, 0, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
-  };
+  const EvalProgress show = [&](int done, int total) { bar.show({total, 0, done, 0, watch.ms() / 1000}); };
   exit = kConverged;
   if (!command.export_to.empty()) {
     make_output_folder(command.export_to);

@@ -6,7 +6,7 @@
 
 #include <opencv2/imgproc.hpp>
 
-#include "apps/iclk/common/measure.h"
+#include "apps/iclk/common/angles.h"
 #include "apps/iclk/pictures/drawing.h"
 #include "apps/iclk/pictures/plot.h"
 #include "apps/iclk/session/report.h"
@@ -15,8 +15,7 @@
 namespace iclk {
 namespace {
 
-constexpr double kSuccess = 1;  // px
-constexpr double kDegrees = 180 / M_PI;
+constexpr double kSuccess = 1;     // px
 constexpr int kColumnWidth = 600;  // px, of a stage
 
 Curve distribution(const std::string& name, std::vector<double> errors) {
@@ -68,7 +67,7 @@ cv::Mat basin_picture(const EvalReport& report) {
   };
   constexpr Axis kAxes[] = {{"error of the start, px", &PoseError::e_pixel, 1},
                             {"error of the start, m", &PoseError::e_transl, 1},
-                            {"error of the start, degrees", &PoseError::e_rot, kDegrees}};
+                            {"error of the start, degrees", &PoseError::e_rot, 1 / kDegree}};
   std::vector<Plot> plots;
   for (const EvalBlock& block : report.blocks)
     for (const Axis& axis : kAxes) {

@@ -3,8 +3,8 @@
 #include <cmath>
 #include <map>
 
-#include "apps/iclk/common/measure.h"
 #include "apps/json/format.h"
+#include "apps/json/json.h"
 
 namespace iclk {
 namespace {

@@ -7,13 +7,13 @@
 #include <mutex>
 #include <thread>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/device.h>
 #include <iclk/session/io/text.h>
 
 #include "apps/eval/export.h"
 #include "apps/eval/peers/methods.h"
-#include "apps/iclk/common/measure.h"
 #include "apps/iclk/session/report.h"
 
 namespace iclk {
@@ -175,9 +175,9 @@ class Evaluation {
   }
 
   void run_iclk(EvalBlock& block, std::span<const Work> group, std::span<const PairInput> pairs, int variant) {
-    const Stopwatch watch;
+    const internal::Stopwatch watch;
     const std::vector<RefinedAlignment> results = run_pairs(session_, pairs);
-    const double ms = watch.wall_ms() / static_cast<double>(pairs.size());
+    const double ms = watch.ms() / static_cast<double>(pairs.size());
     for (size_t i = 0; i < pairs.size(); ++i) {
       EvalSample sample = begin_sample(group[i].line->id, variant, pairs[i]);
       add_stages(sample, pairs[i], results[i], stages_);
@@ -199,9 +199,9 @@ class Evaluation {
     for (size_t m = 0; m < baselines_.size(); ++m) {
       EvalSample sample = begin_sample(work.line->id, variant, pair);
       PeerAnswer answer;
-      const Stopwatch watch;
+      const internal::Stopwatch watch;
       if (m != odometry_ || (!peer.depth_1.empty() && !peer.depth_0.empty())) answer = baselines_[m]->run(peer);
-      sample.ms = watch.wall_ms();
+      sample.ms = watch.ms();
       finish_sample(sample, baselines_[m]->name(), answer, pair);
       block.methods[m + 1].samples.push_back(std::move(sample));
     }

@@ -20,14 +20,18 @@ nlohmann::ordered_json parse_json(std::string_view text, std::string* why = null
 /// As parse_distortion() takes it, to the last bit.
 std::string distortion_text(const Distortion& distortion);
 
+/// Null unless finite.
+inline nlohmann::ordered_json number(double value) {
+  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json();
+}
+
 /// A matrix row by row; null where an entry is not finite.
 template <typename Matrix>
 nlohmann::ordered_json matrix_json(const Matrix& M) {
   auto rows = nlohmann::ordered_json::array();
   for (int r = 0; r < M.rows(); ++r) {
     auto row = nlohmann::ordered_json::array();
-    for (int c = 0; c < M.cols(); ++c)
-      row.push_back(std::isfinite(M(r, c)) ? nlohmann::ordered_json(M(r, c)) : nlohmann::ordered_json(nullptr));
+    for (int c = 0; c < M.cols(); ++c) row.push_back(number(M(r, c)));
     rows.push_back(std::move(row));
   }
   return rows;

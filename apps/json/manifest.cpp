@@ -4,13 +4,13 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <cstdio>
 #include <filesystem>
 #include <unordered_map>
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/pose_text.h>
 
+#include "apps/json/format.h"
 #include "apps/json/json.h"
 
 namespace iclk {
@@ -97,11 +97,7 @@ struct Line {
 
 }  // namespace
 
-std::string hash_of(std::string_view text) {
-  char hex[17];
-  std::snprintf(hex, sizeof hex, "%016llx", static_cast<unsigned long long>(fnv1a(text)));
-  return hex;
-}
+std::string hash_of(std::string_view text) { return formatted("%016llx", static_cast<unsigned long long>(fnv1a(text))); }
 
 Manifest read_manifest(const std::string& path) {
   Manifest manifest;

@@ -5,7 +5,8 @@
 
 #include <iclk/align/network/layer_times.h>
 
-#include "apps/iclk/common/measure.h"
+#include "apps/eval/common/machine.h"
+#include "apps/iclk/common/progress.h"
 
 namespace iclk {
 

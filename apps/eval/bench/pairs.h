@@ -3,7 +3,7 @@
 #include <vector>
 
 #include "apps/eval/peers/methods.h"
-#include "apps/iclk/common/measure.h"
+#include "apps/iclk/common/progress.h"
 
 namespace iclk {
 

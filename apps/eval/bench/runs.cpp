@@ -6,12 +6,15 @@
 #include <functional>
 #include <limits>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/io/text.h>
 #include <iclk/session/pose_errors.h>
 #include <iclk/session/session.h>
 
+#include "apps/iclk/common/cpu_stopwatch.h"
+#include "apps/iclk/common/median.h"
 #include "apps/iclk/io/images.h"
 #include "apps/json/format.h"
 
@@ -44,10 +47,11 @@ BenchRow measure(const BenchOptions& options, std::span<const PeerPair> pairs, i
     for (int i = 0; i < calls; ++i) {
       const int first = i % available * batch;
       outcomes.clear();
-      const Stopwatch watch;
+      const internal::Stopwatch watch;
+      const CpuStopwatch cpu_watch;
       call(first, outcomes);
-      wall.push_back(watch.wall_ms() / batch);
-      repetition_cpu += watch.cpu_ms() / (batch * calls);
+      wall.push_back(watch.ms() / batch);
+      repetition_cpu += cpu_watch.ms() / (batch * calls);
       for (int k = 0; k < batch; ++k) {
         const PeerPair& pair = pairs[static_cast<size_t>(first + k)];
         const Outcome& outcome = outcomes[static_cast<size_t>(k)];
@@ -108,7 +112,7 @@ Plan plan_of(const BenchOptions& options, int batch, bool colour) {
 
 /// References and targets of a batch, on pixels that nobody copied for us.
 double set_references(Aligner& aligner, std::span<const PeerPair> batch, bool colour, std::vector<Pair>& work) {
-  const Stopwatch watch;
+  const internal::Stopwatch watch;
   work.clear();
   for (size_t i = 0; i < batch.size(); ++i) {
     const PeerPair& pair = batch[i];
@@ -116,7 +120,7 @@ double set_references(Aligner& aligner, std::span<const PeerPair> batch, bool co
     aligner.set_reference(slot, {view(colour ? pair.image_0 : pair.grey_0), pair.camera, pair.features, {}});
     work.push_back({slot, view(colour ? pair.image_1 : pair.grey_1), {}, {}});
   }
-  return watch.wall_ms();
+  return watch.ms();
 }
 
 /// Grey models get grey images, as the classical mode does.
@@ -194,7 +198,7 @@ BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<e
     if (i == 0) aligner.enable_timing(true);
     const size_t first =
         static_cast<size_t>(std::max(i, 0)) % (pairs.size() / static_cast<size_t>(batch)) * static_cast<size_t>(batch);
-    const Stopwatch watch;
+    const internal::Stopwatch watch;
     const auto group = pairs.subspan(first, static_cast<size_t>(batch));
     const double references = set_references(aligner, group, in_colour(options, c), work);
     std::vector<RefinedAlignment> refined;
@@ -203,7 +207,7 @@ BenchProfile profile_device(const BenchOptions& options, const std::shared_ptr<e
     else
       aligner.align(work);
     if (i < 0) continue;
-    wall.push_back(watch.wall_ms() / batch);
+    wall.push_back(watch.ms() / batch);
     prepare.push_back(references / batch);
     add_refinement(refined, profile.refinement);
   }

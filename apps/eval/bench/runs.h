@@ -8,8 +8,9 @@
 #include <iclk/refine/refiner.h>
 
 #include "apps/eval/bench/pairs.h"
+#include "apps/eval/common/machine.h"
 #include "apps/eval/peers/methods.h"
-#include "apps/iclk/common/measure.h"
+#include "apps/iclk/common/progress.h"
 
 namespace iclk {
 

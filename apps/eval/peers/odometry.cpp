@@ -6,10 +6,12 @@
 
 #include <fmt/format.h>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/session/detect.h>
 
 #include "apps/eval/peers/methods.h"
-#include "apps/iclk/common/measure.h"
+#include "apps/iclk/common/median.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/session/pair_input.h"
 #include "apps/iclk/track/run.h"
 
@@ -68,9 +70,9 @@ std::string odometry_table(RecordedFrames& frames) {
     if (!before.image.empty()) {
       const PeerPair pair = pair_of(before, frame, frames.camera());
       for (Chain& chain : chains) {
-        const Stopwatch watch;
+        const internal::Stopwatch watch;
         const PeerAnswer answer = chain.method->run(pair);
-        chain.ms.push_back(watch.wall_ms());
+        chain.ms.push_back(watch.ms());
         if (answer.has_pose && answer.claimed)
           chain.T_WC = chain.T_WC * answer.T_10.inverse();
         else

@@ -11,7 +11,7 @@
 
 #include <iclk/engine/error.h>
 
-#include "apps/iclk/common/measure.h"
+#include "apps/iclk/common/cpu_stopwatch.h"
 #include "apps/iclk/io/images.h"
 #include "apps/iclk/io/undistorter.h"
 
@@ -82,9 +82,9 @@ std::vector<DepthPeer> depth_peers(const DepthInput& input) {
   std::vector<DepthPeer> peers;
   const auto measure = [&](const std::string& name, const auto& compute) {
     cv::Mat disparity;
-    const Stopwatch watch;
+    const CpuStopwatch watch;
     compute(disparity);
-    const double cpu = watch.cpu_ms() / 1000;
+    const double cpu = watch.ms() / 1000;
     if (disparity.type() != CV_16SC1) disparity.convertTo(disparity, CV_16S, 16);
     peers.push_back({name, depth_of(disparity.colRange(before, before + pair.left.cols), least, pair, input.camera), cpu});
   };

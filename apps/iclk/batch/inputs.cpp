@@ -6,6 +6,7 @@
 
 #include <iclk/session/io/text.h>
 
+#include "apps/json/format.h"
 #include "apps/json/json.h"
 
 namespace iclk {
@@ -20,10 +21,10 @@ Json file_state(const std::string& path) {
   if (!S_ISREG(info.st_mode)) return Json::object();  // a pipe is another one every time
   std::tm utc = {};
   ::gmtime_r(&info.st_mtim.tv_sec, &utc);
-  char seconds[40], modified[60];
+  char seconds[40];
   std::strftime(seconds, sizeof seconds, "%Y-%m-%dT%H:%M:%S", &utc);
-  std::snprintf(modified, sizeof modified, "%s.%09ldZ", seconds, static_cast<long>(info.st_mtim.tv_nsec));
-  return {{"bytes", static_cast<uint64_t>(info.st_size)}, {"modified", modified}};
+  return {{"bytes", static_cast<uint64_t>(info.st_size)},
+          {"modified", formatted("%s.%09ldZ", seconds, static_cast<long>(info.st_mtim.tv_nsec))}};
 }
 
 std::string in_words(const Json& value) {

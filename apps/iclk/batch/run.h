@@ -11,7 +11,7 @@
 
 #include "apps/iclk/batch/journal.h"
 #include "apps/iclk/batch/pool.h"
-#include "apps/iclk/batch/progress.h"
+#include "apps/iclk/batch/tally.h"
 
 namespace iclk {
 

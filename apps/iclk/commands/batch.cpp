@@ -15,9 +15,11 @@
 #include "apps/iclk/batch/loaders.h"
 #include "apps/iclk/batch/run.h"
 #include "apps/iclk/commands/command.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/common/version.h"
 #include "apps/iclk/session/report.h"
 #include "apps/iclk/session/run_options.h"
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {
@@ -240,14 +242,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
 
   const int remaining = static_cast<int>(work.lines.size()) - outcome.done;
   std::string summary = tally.text();
-  char line[200];
-  std::snprintf(line, sizeof line, "%d pair%s in %s", outcome.done, outcome.done == 1 ? "" : "s",
-                duration_text(outcome.seconds).c_str());
-  summary += line;
-  if (outcome.done > 0) {
-    std::snprintf(line, sizeof line, " (%.2f pairs/s)", outcome.done / std::max(outcome.seconds, 1e-9));
-    summary += line;
-  }
+  summary += formatted("%d pair%s in %s", outcome.done, outcome.done == 1 ? "" : "s", duration_text(outcome.seconds).c_str());
+  if (outcome.done > 0) summary += formatted(" (%.2f pairs/s)", outcome.done / std::max(outcome.seconds, 1e-9));
   if (before > 0) summary += ", " + std::to_string(before) + " before";
   summary += "; results in " + options.out + "\n";
   if (journal.regular())

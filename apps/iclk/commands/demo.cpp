@@ -1,8 +1,8 @@
-#include <chrono>
 #include <cstdlib>
 
 #include <spdlog/spdlog.h>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/context.h>
 #include <iclk/session/device.h>
 #include <iclk/session/io/output.h>
@@ -38,7 +38,7 @@ std::shared_ptr<engine::Context> rendering_device(const Session& session) {
 }
 
 PairInput demo_pair(const Session& session, const DetectorOptions& features) {
-  const auto start = std::chrono::steady_clock::now();
+  const internal::Stopwatch watch;
   const auto device = rendering_device(session);
   const ScenePair scene = device ? render_scene_pair(device) : make_scene_pair(demo_motion());
   PairInput pair;
@@ -50,7 +50,7 @@ PairInput demo_pair(const Session& session, const DetectorOptions& features) {
   pair.depth_0 = scene.depth_0;
   pair.camera = scene.camera;
   pair.truth = scene.T_10;
-  pair.load_ms = std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+  pair.load_ms = watch.ms();
   detect_missing_features(pair, features);
   return pair;
 }

@@ -2,13 +2,14 @@
 #include <spdlog/spdlog.h>
 #include <nlohmann/json.hpp>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/depth/depth_sweep.h>
 #include <iclk/session/device.h>
 #include <iclk/session/io/output.h>
 
 #include "apps/iclk/commands/command.h"
 #include "apps/iclk/commands/program.h"
-#include "apps/iclk/common/measure.h"
+#include "apps/iclk/common/cpu_stopwatch.h"
 #include "apps/iclk/common/not_empty.h"
 #include "apps/iclk/common/settings.h"
 #include "apps/iclk/depth/figures.h"
@@ -86,9 +87,10 @@ void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
     sources.push_back({view(input.targets[i]), input.cameras[i], input.T_10[i]});
 
   if (command.peers) sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);  // warm
-  const Stopwatch watch;
+  const internal::Stopwatch wall_time;
+  const CpuStopwatch cpu_time;
   DepthMap map = sweep.compute(view(input.reference), input.camera, sources, input.range, input.priors);
-  const double cpu = watch.cpu_ms() / 1000, wall = watch.wall_ms() / 1000;
+  const double cpu = cpu_time.ms() / 1000, wall = wall_time.ms() / 1000;
 
   const double step = (1 / input.range.near - 1 / input.range.far) / (plan.planes - 1);
   if (input.priors.size() == 0) compare(map, input.measured, options.tolerance * step);

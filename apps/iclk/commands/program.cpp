@@ -68,7 +68,7 @@ int run(const std::vector<AddCommand>& commands, const std::vector<std::string>&
   if (others && !arguments.empty() && !arguments.front().starts_with('-') && !has(arguments.front()))
     return hand_over(arguments.front(), {arguments.begin() + 1, arguments.end()});
   try {
-    app.parse({arguments.rbegin(), arguments.rend()});
+    app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
   } catch (const NeedsProgram& other) {
     return hand_over(other.name, arguments);
   } catch (const CLI::ParseError& e) {

@@ -1,12 +1,14 @@
-#include <chrono>
 #include <cmath>
 #include <memory>
 
 #include <spdlog/spdlog.h>
 
-#include "apps/iclk/batch/progress.h"
+#include <iclk/align/common/stopwatch.h>
+
 #include "apps/iclk/commands/command.h"
+#include "apps/iclk/common/angles.h"
 #include "apps/iclk/common/not_empty.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/session/run_pairs.h"
 #include "apps/iclk/stereo/run.h"
 
@@ -48,18 +50,14 @@ void run(const StereoCommand& command, int& exit) {
   options.solver = parse_solver(command.solver);
   options.depth_sigma = parse_depth_sigma(command.depth_sigma);
   options.rig.metric = !command.unknown_depth && !(options.distance > 0);
-  options.rig.calibration_rotation = command.rotation * M_PI / 180;
-  options.bending.rotation = command.bending * M_PI / 180;
+  options.rig.calibration_rotation = command.rotation * kDegree;
+  options.bending.rotation = command.bending * kDegree;
   if (options.flex && !options.rig.metric)
     throw Error(ErrorCode::invalid_argument, "--flex needs metric depth: one pair does not see the scale");
   ProgressBar bar;
-  const auto start = std::chrono::steady_clock::now();
+  const internal::Stopwatch watch;
   const StereoReport report = run_stereo(options, [&](int done, int total) {
-    bar.show({.total = total,
-              .before = 0,
-              .done = done,
-              .failed = 0,
-              .seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()});
+    bar.show({.total = total, .before = 0, .done = done, .failed = 0, .seconds = watch.ms() / 1000});
   });
   bar.clear();
   if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan here: running on {}", report.device);

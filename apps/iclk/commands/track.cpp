@@ -1,16 +1,16 @@
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/depth_sigma.h>
 #include <iclk/session/io/distortion.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/iclk/batch/progress.h"
 #include "apps/iclk/commands/command.h"
 #include "apps/iclk/commands/program.h"
-#include "apps/iclk/common/measure.h"
 #include "apps/iclk/common/not_empty.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/session/run_pairs.h"
 #include "apps/iclk/track/run.h"
 
@@ -73,14 +73,14 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
   }
   options.tracker.check();
   ProgressBar bar;
-  Stopwatch watch;
+  internal::Stopwatch watch;
   const auto progress = [&](int done, int total, int lost) {
-    if (done == 1) watch.restart();
+    if (done == 1) watch = {};
     bar.show({.total = total,
               .before = 0,
               .done = done,
               .failed = lost,
-              .seconds = watch.wall_ms() / 1000,
+              .seconds = watch.ms() / 1000,
               .unit = "frames",
               .bad = "lost"});
   };

@@ -20,6 +20,8 @@
 #include <iclk/session/internal/grey.h>
 #include <iclk/session/io/text.h>
 
+#include "apps/json/format.h"
+
 namespace iclk {
 namespace {
 
@@ -96,11 +98,7 @@ cv::Mat decode(const std::string& path, const std::string& bytes, uint64_t max_p
   return image;
 }
 
-std::string units_text(double x) {
-  char text[40];
-  std::snprintf(text, sizeof text, "%g", x);
-  return text;
-}
+std::string units_text(double x) { return formatted("%g", x); }
 
 std::string type_name(const cv::Mat& image) {
   static const char* depths[] = {"8-bit",          "signed 8-bit", "16-bit",      "signed 16-bit",

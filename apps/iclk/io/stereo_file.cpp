@@ -1,13 +1,14 @@
 #include "apps/iclk/io/stereo_file.h"
 
 #include <algorithm>
-#include <cstdio>
 #include <filesystem>
 #include <initializer_list>
 
 #include <iclk/engine/error.h>
 #include <iclk/session/io/text.h>
 #include <iclk/session/io/yaml.h>
+
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {
@@ -33,11 +34,7 @@ std::string numbers_text(const double* values, int rows, int columns, size_t ind
   std::string out = nested ? "[[" : "[";
   for (int r = 0; r < rows; ++r) {
     if (r > 0) out += (nested ? "],\n" : ",\n") + std::string(indent, ' ') + (nested ? "[" : "");
-    for (int c = 0; c < columns; ++c) {
-      char number[40];
-      std::snprintf(number, sizeof number, "%s%.17g", c ? ", " : "", values[r * columns + c]);
-      out += number;
-    }
+    for (int c = 0; c < columns; ++c) out += formatted("%s%.17g", c ? ", " : "", values[r * columns + c]);
   }
   return out + (nested ? "]]" : "]");
 }

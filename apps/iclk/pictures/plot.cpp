@@ -2,9 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
 
 #include <opencv2/imgproc.hpp>
+
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {
@@ -38,11 +39,7 @@ void write_upwards(cv::Mat& canvas, const std::string& words, cv::Point centre) 
   turned(cv::Rect(0, 0, at.width, at.height)).copyTo(canvas(at));
 }
 
-std::string number_text(double x) {
-  char text[32];
-  std::snprintf(text, sizeof text, std::abs(x) < 1e-12 ? "0" : "%.6g", x);
-  return text;
-}
+std::string number_text(double x) { return std::abs(x) < 1e-12 ? "0" : formatted("%.6g", x); }
 
 /// About `count` round values in a range.
 std::vector<double> ticks(double from, double to, int count) {

@@ -8,6 +8,7 @@
 #include <iclk/session/io/text.h>
 #include <iclk/session/pose_errors.h>
 
+#include "apps/iclk/common/angles.h"
 #include "apps/iclk/common/version.h"
 #include "apps/json/format.h"
 #include "apps/json/json.h"
@@ -16,10 +17,6 @@ namespace iclk {
 namespace {
 
 using Json = nlohmann::ordered_json;
-
-constexpr double kDegrees = 180 / M_PI;
-
-Json number(double x) { return std::isfinite(x) ? Json(x) : Json(nullptr); }
 
 Matrix6d covariance_or_nan(const RefinedAlignment& result) {
   return has_covariance(result) ? result.covariance : Matrix6d::Constant(NAN);
@@ -208,7 +205,7 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
     out += formatted("%-18s", stage.c_str());
     if (e != nullptr) {
       out += std::isfinite(e->e_pixel) ? formatted(" %12.3f", e->e_pixel) : formatted(" %12s", "-");
-      out += formatted(" %14.2f %12.4f", 1e3 * e->e_transl, kDegrees * e->e_rot);
+      out += formatted(" %14.2f %12.4f", 1e3 * e->e_transl, e->e_rot / kDegree);
     }
     out += std::isfinite(cost) ? formatted(" %12.3g", cost) : formatted(" %12s", "");
     out += std::isfinite(ms) ? formatted(" %9.2f\n", ms) : "\n";
@@ -232,16 +229,16 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   out += formatted("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
   if (result.turn)
     out += formatted("shutter    rows read one by one: bent by %.2f deg of turning, which is taken out\n",
-                     kDegrees * result.turn->norm());
+                     result.turn->norm() / kDegree);
   if (const auto fixed = std::count(result.fixed.begin(), result.fixed.end(), true); fixed > 0)
     out += formatted("overlay    %d features stand still with the camera\n", static_cast<int>(fixed));
   for (const Rival& r : result.rivals)
     out += formatted("rival      %d features agree on %s\n", r.inliers, tum_line(r.T_10).c_str());
   out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
-  out += formatted("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), kDegrees * result.T_10.angle());
+  out += formatted("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), result.T_10.angle() / kDegree);
   if (has_covariance(result)) {
     const Eigen::Matrix<double, 6, 1> sigma = result.covariance.diagonal().cwiseSqrt();
-    out += formatted("; 1 sigma %.2f mm, %.4f deg", 1e3 * sigma.head<3>().norm(), kDegrees * sigma.tail<3>().norm());
+    out += formatted("; 1 sigma %.2f mm, %.4f deg", 1e3 * sigma.head<3>().norm(), sigma.tail<3>().norm() / kDegree);
   }
   out += formatted("\nstatus     %s: %s\n", name(result.status), result.reason.c_str());
   if (const std::string advice = hint(result.status, pair.features_from_file); !advice.empty())

@@ -1,11 +1,11 @@
 #include "apps/iclk/session/run_pairs.h"
 
 #include <algorithm>
-#include <cstdio>
 
 #include <iclk/engine/error.h>
 
 #include "apps/iclk/io/images.h"
+#include "apps/json/format.h"
 
 namespace iclk {
 namespace {
@@ -55,11 +55,7 @@ std::vector<RefinedAlignment> run_pairs(Session& session, std::span<const PairIn
 
 std::string profile_text(const Session& session, const PairInput& pair) {
   std::string out;
-  const auto row = [&](const char* stage, double ms) {
-    char line[80];
-    std::snprintf(line, sizeof line, "  %-22s %9.3f ms\n", stage, ms);
-    out += line;
-  };
+  const auto row = [&](const char* stage, double ms) { out += formatted("  %-22s %9.3f ms\n", stage, ms); };
   row("load", pair.load_ms);
   row("detect", pair.detect_ms);
   row("setup", session.times().setup);

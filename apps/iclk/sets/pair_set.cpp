@@ -22,6 +22,7 @@
 #include "apps/iclk/common/refuse.h"
 #include "apps/iclk/io/images.h"
 #include "apps/iclk/sets/set_folder.h"
+#include "apps/json/format.h"
 #include "apps/json/json.h"
 
 namespace iclk {
@@ -30,11 +31,7 @@ namespace {
 using Json = nlohmann::ordered_json;
 namespace fs = std::filesystem;
 
-std::string id_of(uint64_t index) {
-  char text[24];
-  std::snprintf(text, sizeof text, "%06llu", static_cast<unsigned long long>(index));
-  return text;
-}
+std::string id_of(uint64_t index) { return formatted("%06llu", static_cast<unsigned long long>(index)); }
 
 }  // namespace
 

@@ -10,7 +10,7 @@
 #include <iclk/session/io/output.h>
 #include <iclk/session/io/text.h>
 
-#include "apps/iclk/batch/progress.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/sets/flight_files.h"
 #include "apps/iclk/sets/flight_path.h"
 #include "apps/iclk/sets/pair_set.h"

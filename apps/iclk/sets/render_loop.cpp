@@ -1,13 +1,13 @@
 #include "apps/iclk/sets/render_loop.h"
 
-#include <chrono>
 #include <future>
 
 #include <spdlog/spdlog.h>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 
-#include "apps/iclk/batch/progress.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/sets/set_folder.h"
 
 namespace iclk {
@@ -19,8 +19,8 @@ std::string megabytes(uint64_t bytes) { return std::to_string((bytes + 999999) /
 
 double render_each(const char* unit, const std::vector<uint64_t>& todo, uint64_t total,
                    const std::function<std::function<void()>(uint64_t)>& make) {
-  const auto start = std::chrono::steady_clock::now();
-  const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
+  const internal::Stopwatch watch;
+  const auto seconds = [&] { return watch.ms() / 1000; };
   ProgressBar bar;
   ProgressState state{static_cast<int>(total), static_cast<int>(total - todo.size()), 0, 0, 0};
   state.unit = unit;

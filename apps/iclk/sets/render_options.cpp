@@ -14,6 +14,7 @@
 #include "apps/iclk/common/angles.h"
 #include "apps/iclk/common/refuse.h"
 #include "apps/iclk/sets/pair_set.h"
+#include "apps/json/format.h"
 #include "apps/json/json.h"
 
 namespace iclk {
@@ -136,9 +137,7 @@ PairOptions pair_options(const RenderCommand& command, const RenderedCameras& ca
 Json camera_json(const Camera& c) { return {c.fx, c.fy, c.cx, c.cy, c.width, c.height}; }
 
 Json view_options(const RenderCommand& command, const RenderedCameras& cameras, const Terrain& terrain) {
-  char hash[20];
-  std::snprintf(hash, sizeof hash, "%016llx", static_cast<unsigned long long>(terrain.hash()));
-  Json options = {{"terrain", hash},
+  Json options = {{"terrain", formatted("%016llx", static_cast<unsigned long long>(terrain.hash()))},
                   {"camera", camera_json(cameras.left.camera)},
                   {"samples", command.render.samples},
                   {"anisotropy", command.render.max_anisotropy}};

@@ -10,11 +10,12 @@
 #include <iclk/session/io/output.h>
 #include <iclk/session/io/pose_text.h>
 
-#include "apps/iclk/batch/progress.h"
+#include "apps/iclk/common/progress.h"
 #include "apps/iclk/io/images.h"
 #include "apps/iclk/sets/pair_set.h"
 #include "apps/iclk/sets/render_loop.h"
 #include "apps/iclk/sets/render_options.h"
+#include "apps/json/format.h"
 #include "apps/json/json.h"
 #include "apps/json/manifest.h"
 
@@ -64,11 +65,9 @@ std::string statistics(const PairSet& set) {
   }
   std::string text = "what was drawn, in the mean (least to greatest); errors are those of a start without motion:\n";
   for (const Series& s : all) {
-    char row[120];
     if (s.count == 0) continue;
-    std::snprintf(row, sizeof row, "  %-9s %9.4g %-3s (%.4g to %.4g)\n", s.name, s.sum / static_cast<double>(s.count), s.unit,
-                  s.least, s.greatest);
-    text += row;
+    text += formatted("  %-9s %9.4g %-3s (%.4g to %.4g)\n", s.name, s.sum / static_cast<double>(s.count), s.unit, s.least,
+                      s.greatest);
   }
   return text;
 }

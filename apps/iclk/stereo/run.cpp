@@ -1,13 +1,13 @@
 #include "apps/iclk/stereo/run.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/io/feature_csv.h>
 #include <iclk/session/io/output.h>
@@ -222,7 +222,7 @@ StereoReport run_stereo(const StereoRunOptions& options, const std::function<voi
   if (options.pairs.empty()) throw Error(ErrorCode::invalid_argument, "there are no pairs");
   options.rig.check();
   options.bending.check();
-  const auto start = std::chrono::steady_clock::now();
+  const internal::Stopwatch watch;
   const Loader loader(options);
   StereoReport report;
   report.prior = options.calibration.T_rl;
@@ -248,7 +248,7 @@ StereoReport run_stereo(const StereoRunOptions& options, const std::function<voi
     run_flex(options, pairs, session, report);
   else
     report.rig = estimate_rig(session, loader.camera, pairs, report.prior, options.rig);
-  report.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  report.seconds = watch.ms() / 1000;
   if (options.out.empty()) return report;
   size_t shown = 0;  // the first pair that says something
   for (size_t i = pairs.size(); i-- > 0;)

@@ -6,13 +6,13 @@
 
 #include <algorithm>
 #include <cerrno>
-#include <chrono>
 #include <cstring>
 #include <filesystem>
 
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/io/output.h>
 #include <iclk/session/io/pose_text.h>
@@ -112,7 +112,7 @@ TrackResult Journal::add(const TrackResult& result, const TrackCounts& counts, c
 }
 
 void Journal::save(const Tracker& tracker) {
-  const auto start = std::chrono::steady_clock::now();
+  const internal::Stopwatch watch;
   const nlohmann::ordered_json head{{"options", options_},
                                     {"frames_jsonl", lines_size_},
                                     {"live_txt", live_size_},
@@ -125,7 +125,7 @@ void Journal::save(const Tracker& tracker) {
   bytes.append(reinterpret_cast<const char*>(state.data()), state.size());
   write_file(state_path_, bytes);
   last_saved_ = counts_.seconds;
-  save_takes_ = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  save_takes_ = watch.ms() / 1000;
 }
 
 void Journal::finish() {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <array>
-#include <chrono>
 #include <cmath>
 #include <filesystem>
 #include <map>
@@ -10,9 +9,11 @@
 #include <fmt/format.h>
 #include <nlohmann/json.hpp>
 
+#include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/io/output.h>
 
+#include "apps/iclk/common/angles.h"
 #include "apps/iclk/common/version.h"
 #include "apps/iclk/track/journal.h"
 #include "apps/iclk/track/output.h"
@@ -152,9 +153,9 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
     result.reason = pixels.problem;
     if (!pixels.image.empty()) {
       const TrackFrame frame = frames.view_of(i);
-      const auto start = std::chrono::steady_clock::now();
+      const internal::Stopwatch watch;
       result = tracker.track(frame);
-      counts.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+      counts.seconds += watch.ms() / 1000;
     }
     keep(i, journal.add(result, counts, tracker));
     progress(i + 1, count, report.lost);
@@ -213,7 +214,7 @@ std::string to_text(const TrackErrors& e) {
                   100 * e.absolute.median, 100 * e.absolute.max, 100 * e.absolute.rmse / std::max(e.way, 1e-9), e.way);
   if (e.relative.count > 0)
     text += fmt::format("; RPE over {} frames {:.2f} cm, {:.2f} deg", kRelativeFrames, 100 * e.relative.translation,
-                        e.relative.rotation * 180 / M_PI);
+                        e.relative.rotation / kDegree);
   return text;
 }
 

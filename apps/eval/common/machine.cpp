@@ -1,13 +1,8 @@
-#include "apps/iclk/common/measure.h"
+#include "apps/eval/common/machine.h"
 
 #include <sched.h>
-#include <sys/resource.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <chrono>
-#include <cmath>
-#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <limits>
@@ -15,21 +10,15 @@
 
 #include <opencv2/core/utility.hpp>
 
+#include <iclk/align/common/stopwatch.h>
+
+#include "apps/iclk/common/cpu_stopwatch.h"
+#include "apps/iclk/common/median.h"
 #include "apps/json/format.h"
+#include "apps/json/json.h"
 
 namespace iclk {
 namespace {
-
-double wall_now() {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now().time_since_epoch()).count();
-}
-
-double cpu_now() {
-  rusage usage{};
-  getrusage(RUSAGE_SELF, &usage);
-  const auto ms = [](const timeval& t) { return 1e3 * static_cast<double>(t.tv_sec) + 1e-3 * static_cast<double>(t.tv_usec); };
-  return ms(usage.ru_utime) + ms(usage.ru_stime);
-}
 
 int usable_cores() {
   cpu_set_t set;
@@ -39,15 +28,16 @@ int usable_cores() {
 }
 
 double measure_cores(int cores) {
-  const Stopwatch watch;
+  const internal::Stopwatch wall;
+  const CpuStopwatch cpu;
   std::vector<std::thread> threads;
   for (int i = 0; i < cores; ++i)
-    threads.emplace_back([&watch] {
-      while (watch.wall_ms() < 250) {
+    threads.emplace_back([&wall] {
+      while (wall.ms() < 250) {
       }
     });
   for (std::thread& thread : threads) thread.join();
-  return watch.cpu_ms() / watch.wall_ms();
+  return cpu.ms() / wall.ms();
 }
 
 std::string processor_name() {
@@ -59,21 +49,6 @@ std::string processor_name() {
 }
 
 }  // namespace
-
-void Stopwatch::restart() {
-  wall_ = wall_now();
-  cpu_ = cpu_now();
-}
-
-double Stopwatch::wall_ms() const { return wall_now() - wall_; }
-double Stopwatch::cpu_ms() const { return cpu_now() - cpu_; }
-
-double median(std::vector<double> values) {
-  if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
-  std::sort(values.begin(), values.end());
-  const size_t half = values.size() / 2;
-  return values.size() % 2 ? values[half] : 0.5 * (values[half - 1] + values[half]);
-}
 
 Spread spread(const std::vector<double>& values) {
   const auto [low, high] = std::minmax_element(values.begin(), values.end());
@@ -105,24 +80,6 @@ nlohmann::ordered_json to_json(const Machine& m) {
 std::string to_line(const Machine& m) {
   return formatted("%s%s%s; %s, %d cores of which this process got %.1f, load average %.1f\n", m.device.c_str(),
                    m.driver.empty() ? "" : ", driver ", m.driver.c_str(), m.processor.c_str(), m.cores, m.cores_got, m.load);
-}
-
-Progress terminal_progress() {
-  if (!isatty(STDERR_FILENO)) return [](const std::string&, int, int) {};
-  return [](const std::string& what, int done, int total) {
-    constexpr int kWidth = 30;
-    const int filled = total > 0 ? kWidth * done / total : 0;
-    if (done >= total)
-      std::fprintf(stderr, "\r\x1b[K");
-    else
-      std::fprintf(stderr, "\r\x1b[K[%s%s] %d/%d %s", std::string(static_cast<size_t>(filled), '#').c_str(),
-                   std::string(static_cast<size_t>(kWidth - filled), '.').c_str(), done, total, what.c_str());
-    std::fflush(stderr);
-  };
-}
-
-nlohmann::ordered_json number(double value) {
-  return std::isfinite(value) ? nlohmann::ordered_json(value) : nlohmann::ordered_json();
 }
 
 }  // namespace iclk

@@ -1,4 +1,4 @@
-#include "apps/iclk/batch/progress.h"
+#include "apps/iclk/common/progress.h"
 
 #include <sys/ioctl.h>
 #include <unistd.h>
@@ -10,17 +10,6 @@
 #include "apps/json/format.h"
 
 namespace iclk {
-namespace {
-
-double median(std::vector<double> x) {
-  const auto middle = x.begin() + static_cast<std::ptrdiff_t>(x.size() / 2);
-  std::nth_element(x.begin(), middle, x.end());
-  if (x.size() % 2 == 1) return *middle;
-  return (*middle + *std::max_element(x.begin(), middle)) / 2;
-}
-
-}  // namespace
-
 std::string duration_text(double seconds) {
   const long s = std::lround(std::clamp(seconds, 0.0, 1e9));
   if (s < 60) return formatted("%ld s", s);
@@ -73,36 +62,18 @@ void ProgressBar::clear() {
   if (terminal_) next_ = Clock::now();
 }
 
-void Tally::add(const nlohmann::ordered_json& line) {
-  const std::string status = line.value("status", "error");
-  ++by_status_[status];
-  ++total_;
-  const auto errors = line.find("errors");
-  if (status != "converged" || errors == line.end() || !errors->is_object()) return;
-  const auto keep = [&](const char* name, std::vector<double>& list) {
-    const auto value = errors->find(name);
-    if (value != errors->end() && value->is_number()) list.push_back(value->get<double>());
+Progress terminal_progress() {
+  if (!isatty(STDERR_FILENO)) return [](const std::string&, int, int) {};
+  return [](const std::string& what, int done, int total) {
+    constexpr int kWidth = 30;
+    const int filled = total > 0 ? kWidth * done / total : 0;
+    if (done >= total)
+      std::fprintf(stderr, "\r\x1b[K");
+    else
+      std::fprintf(stderr, "\r\x1b[K[%s%s] %d/%d %s", std::string(static_cast<size_t>(filled), '#').c_str(),
+                   std::string(static_cast<size_t>(kWidth - filled), '.').c_str(), done, total, what.c_str());
+    std::fflush(stderr);
   };
-  keep("e_pixel", e_pixel_);
-  keep("e_transl", e_transl_);
-  keep("e_rot", e_rot_);
-}
-
-int Tally::count(const std::string& status) const {
-  const auto found = by_status_.find(status);
-  return found == by_status_.end() ? 0 : found->second;
-}
-
-std::string Tally::text() const {
-  std::string out;
-  for (const auto& [status, count] : by_status_)
-    out += formatted("%-18s %7d  %5.1f %%\n", status.c_str(), count, 100.0 * count / total_);
-  if (!e_transl_.empty()) {
-    out += formatted("median error of %zu converged pairs with truth: ", e_transl_.size());
-    if (!e_pixel_.empty()) out += formatted("%.3f px, ", median(e_pixel_));
-    out += formatted("%.2f mm, %.4f deg\n", 1e3 * median(e_transl_), e_rot_.empty() ? NAN : median(e_rot_) * 180 / M_PI);
-  }
-  return out;
 }
 
 }  // namespace iclk

@@ -1,10 +1,10 @@
-#include "apps/embed/stopwatch.h"
+#include "apps/embed/timestamps.h"
 
 #include <iclk/engine/result.h>
 
 namespace embed {
 
-Stopwatch::Stopwatch(Host& host, uint32_t stamps) : host_(host), capacity_(stamps) {
+Timestamps::Timestamps(Host& host, uint32_t stamps) : host_(host), capacity_(stamps) {
   if (host.ns_per_tick == 0) return;
   VkQueryPoolCreateInfo info{VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO};
   info.queryType = VK_QUERY_TYPE_TIMESTAMP;
@@ -12,19 +12,19 @@ Stopwatch::Stopwatch(Host& host, uint32_t stamps) : host_(host), capacity_(stamp
   iclk::engine::check(vkCreateQueryPool(host.device, &info, nullptr, &pool_), "vkCreateQueryPool");
 }
 
-Stopwatch::~Stopwatch() { vkDestroyQueryPool(host_.device, pool_, nullptr); }
+Timestamps::~Timestamps() { vkDestroyQueryPool(host_.device, pool_, nullptr); }
 
-void Stopwatch::record_start(VkCommandBuffer commands) {
+void Timestamps::record_start(VkCommandBuffer commands) {
   used_ = 0;
   if (pool_) vkCmdResetQueryPool(commands, pool_, 0, capacity_);
   record(commands);
 }
 
-void Stopwatch::record(VkCommandBuffer commands) {
+void Timestamps::record(VkCommandBuffer commands) {
   if (pool_ && used_ < capacity_) vkCmdWriteTimestamp(commands, VK_PIPELINE_STAGE_BOTTOM_OF_PIPE_BIT, pool_, used_++);
 }
 
-std::vector<double> Stopwatch::read() const {
+std::vector<double> Timestamps::read() const {
   std::vector<double> parts;
   if (used_ < 2) return parts;
   std::vector<uint64_t> ticks(used_);

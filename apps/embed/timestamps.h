@@ -6,12 +6,12 @@
 namespace embed {
 
 /// Timestamps in the application's command buffer. Does nothing where the queue has none.
-class Stopwatch {
+class Timestamps {
  public:
-  Stopwatch(Host& host, uint32_t stamps);
-  ~Stopwatch();
-  Stopwatch(const Stopwatch&) = delete;
-  Stopwatch& operator=(const Stopwatch&) = delete;
+  Timestamps(Host& host, uint32_t stamps);
+  ~Timestamps();
+  Timestamps(const Timestamps&) = delete;
+  Timestamps& operator=(const Timestamps&) = delete;
 
   void record_start(VkCommandBuffer commands);
   /// When everything before has finished.

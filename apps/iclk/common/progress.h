@@ -1,14 +1,11 @@
 #pragma once
 #include <chrono>
-#include <map>
+#include <functional>
 #include <string>
-#include <vector>
-
-#include <nlohmann/json.hpp>
 
 namespace iclk {
 
-/// Where a batch stands.
+/// Where a long run stands.
 struct ProgressState {
   int total = 0;       ///< pairs of this run and shard, those of earlier runs included
   int before = 0;      ///< done by earlier runs
@@ -38,20 +35,10 @@ class ProgressBar {
   Clock::time_point next_;
 };
 
-/// Counts and errors of all results in a file.
-class Tally {
- public:
-  /// `line`: a result, or its head; needs status, and errors if there is a truth.
-  void add(const nlohmann::ordered_json& line);
-  int count(const std::string& status) const;
-  int total() const { return total_; }
-  /// Counts by status, and where truth was given the median errors of the converged pairs.
-  std::string text() const;
+/// Told after every step of a long run: what is done now, steps done, steps in all.
+using Progress = std::function<void(const std::string& what, int done, int total)>;
 
- private:
-  std::map<std::string, int> by_status_;
-  int total_ = 0;
-  std::vector<double> e_pixel_, e_transl_, e_rot_;  // of converged pairs
-};
+/// A bar on standard error, redrawn in place; nothing where standard error is no terminal.
+Progress terminal_progress();
 
 }  // namespace iclk
