@@ -157,7 +157,8 @@ TEST_F(Learned, OptionsGoBeforeTheModelsOwn) {
 }
 
 TEST_F(Learned, SearchesWhereNoPoseIsGiven) {
-  const Json searched = json(run(learned({"--set", "refine=no"}))), started = json(run(learned({"--set", "refine=no", "--set", "search=off"})));
+  const Json searched = json(run(learned({"--set", "refine=no"})));
+  const Json started = json(run(learned({"--set", "refine=no", "--set", "search=off"})));
   EXPECT_NE(searched["T_10"], started["T_10"]) << "to the last bit";
   EXPECT_EQ(json(run(learned({"--set", "refine=no", "--set", "search=on"})))["T_10"], searched["T_10"]);
   EXPECT_EQ(json(run(learned({"--set", "refine=no", "--initial-pose", "0 0 0 0 0 0 1"})))["T_10"], started["T_10"]);

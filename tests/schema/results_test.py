@@ -63,7 +63,8 @@ class Schema(unittest.TestCase):
                 self.assertEqual('structure=yes' in more, f.get('inverse_depth_sigma', 0) > 0)
 
     def test_align_that_failed(self):
-        for target, more in (('flat.png', []), ('b.png', ['--count', '6']), ('flat.png', ['--set', 'refine=no', '--set', 'search=off'])):
+        alone = ['--set', 'refine=no', '--set', 'search=off']
+        for target, more in (('flat.png', []), ('b.png', ['--count', '6']), ('flat.png', alone)):
             result = self.align(target, *more)
             self.check(result, 'aligned')
             self.assertNotEqual(result['status'], 'converged')

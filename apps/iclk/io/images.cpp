@@ -73,7 +73,7 @@ void check_size(const std::string& path, const ImageHeader& header, uint64_t max
   if (!header.exceeds(max_pixels)) return;
   throw Error(ErrorCode::invalid_argument, path + " is " + std::to_string(header.width) + "x" + std::to_string(header.height) +
                                                ", more than the " + std::to_string(max_pixels) +
-                                               " pixels that --set max-pixels=N allows: give a larger number if it is meant to be");
+                                               " pixels that --set max-pixels=N allows: give more if it is meant to be");
 }
 
 cv::Mat decode(const std::string& path, const std::string& bytes, uint64_t max_pixels) {

@@ -12,7 +12,7 @@ namespace {
 
 cv::Mat inverse_depth_of(const PairInput& pair) {
   if (pair.depth_0.empty())
-    throw Error(ErrorCode::invalid_argument, pair.name_0 + ": --set dense=yes needs a depth image (--depth), not only features");
+    throw Error(ErrorCode::invalid_argument, pair.name_0 + ": --set dense=yes needs a depth image (--depth)");
   cv::Mat inverse;
   cv::divide(1.0, pair.depth_0, inverse);
   inverse.setTo(0, pair.depth_0 <= 0);

@@ -29,8 +29,8 @@ has the status "error" and the reason; it is not tried again unless --retry asks
 or network error, killed), its shard is begun again by a new worker, three times in all; _faults.jsonl says why.
 
 Run the same command again to continue after Ctrl-C, a kill or a lost machine: shards with a file are skipped, and no pair is
-twice in the results. Another manifest, other options or another iclk need another DIR. Not taken from `iclk batch`: the settings
-dense, detector=random and camera-sigma, "errors" (the row has the truth instead) and the watch over files that change.
+twice in the results. Another manifest, other options or another iclk need another DIR. Not taken from `iclk batch`: the
+settings dense, detector=random and camera-sigma, "errors" (the row has the truth instead) and the watch over files that change.
 
 Examples:
   python -m iclk.ray pairs.jsonl --camera camera.txt --out results                         # this machine, a worker a core

@@ -53,8 +53,8 @@ def decode(source: Source, key: str, most_pixels: int) -> Image:
         raise BadPair(f"cannot read {name}: not an image that OpenCV can read, or damaged")
     if image.shape[0] * image.shape[1] > most_pixels:
         raise BadPair(
-            f"{name} is {image.shape[1]}x{image.shape[0]}, more than the {most_pixels} pixels that --set max-pixels=N allows: give a "
-            "larger number if it is meant to be"
+            f"{name} is {image.shape[1]}x{image.shape[0]}, more than the {most_pixels} pixels that --set max-pixels=N allows: "
+            "give more if it is meant to be"
         )
     return image
 
