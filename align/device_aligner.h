@@ -1,6 +1,7 @@
 #pragma once
 #include <iclk/align/aligner.h>
 #include <iclk/align/model.h>
+#include <iclk/engine/context.h>
 #include <iclk/engine/resources.h>
 #include <iclk/engine/timing.h>
 

@@ -130,12 +130,12 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
   PoseResult& p = result.pose;
   const PoseResult pose_only = p;
   p.covariance.setZero();
-  const Ending ending = ending(summary);
-  p.iterations += ending.iterations;
+  const Ending end = ending(summary);
+  p.iterations += end.iterations;
   p.T_10 = to_pose(pose.data());
   if (p.T_10.R.allFinite()) p.T_10.orthonormalize();
-  if (!judge(used, camera, ending, options.pose, scale, p)) {
-    if (!ending.usable) p.T_10 = pose_only.T_10;
+  if (!judge(used, camera, end, options.pose, scale, p)) {
+    if (!end.usable) p.T_10 = pose_only.T_10;
     return result;
   }
   for (const Observation& o : used) result.inverse_depth[o.feature] = o.q;

@@ -3,6 +3,7 @@
 #include <set>
 
 #include "apps/iclk/batch/run.h"
+#include "apps/iclk/common/progress.h"
 #include "files.h"
 
 namespace iclk {

@@ -1,6 +1,7 @@
 #pragma once
 #include <optional>
 
+#include <iclk/refine/internal/turn.h>
 #include <iclk/track/internal/judge.h>
 #include <iclk/track/internal/motion.h>
 #include <iclk/track/internal/turn_rate.h>
