@@ -12,29 +12,29 @@
 namespace iclk {
 namespace {
 
-using internal::Candidate;
+using internal::PoseCandidate;
 using internal::Stopwatch;
 
 constexpr double kWorthARound = 0.2;  // share of the answer's inliers: with fewer a pose gets no further round
 
 /// An answer, and the poses that may rival it.
 struct Contested {
-  Candidate answer;
+  PoseCandidate answer;
   internal::Elsewhere elsewhere;
   std::vector<RefinedAlignment> rivals;
 };
 
 /// Claims that no guess has decided.
-std::vector<Contested> contested(std::span<const Pair> pairs, std::span<const Candidate> candidates) {
+std::vector<Contested> contested(std::span<const Pair> pairs, std::span<const PoseCandidate> candidates) {
   std::vector<Contested> found;
-  for (const Candidate& c : candidates)
+  for (const PoseCandidate& c : candidates)
     if (c.result->converged() && !pairs[c.pair].prior && pairs[c.pair].search) found.push_back({c, {}, {}});
   return found;
 }
 
 /// The rivals of all answers, so that they go through their rounds together.
-std::vector<Candidate> rivals_of(std::vector<Contested>& all) {
-  std::vector<Candidate> rivals;
+std::vector<PoseCandidate> rivals_of(std::vector<Contested>& all) {
+  std::vector<PoseCandidate> rivals;
   for (Contested& c : all) {
     const RefinedAlignment& answer = *c.answer.result;
     c.rivals.resize(c.elsewhere.poses.size());
@@ -98,7 +98,7 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
   const Stopwatch iclk_time;
   std::vector<Alignment> alignments = aligner_.align(pairs);
   const double iclk_ms = iclk_time.ms() / static_cast<double>(pairs.size());
-  std::vector<Candidate> candidates;
+  std::vector<PoseCandidate> candidates;
   for (size_t i = 0; i < pairs.size(); ++i) {
     RefinedAlignment& r = results[i];
     r.iclk = std::move(alignments[i]);
@@ -114,12 +114,12 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
   question(pairs, candidates);
 }
 
-void Refiner::conclude(std::span<const Pair> pairs, Candidate& candidate) const {
+void Refiner::conclude(std::span<const Pair> pairs, PoseCandidate& candidate) const {
   const Pair& pair = pairs[candidate.pair];
   internal::conclude(internal::view_of(aligner_, pair.reference), options_, pair, candidate);
 }
 
-void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> candidates) {
+void Refiner::question(std::span<const Pair> pairs, std::span<const PoseCandidate> candidates) {
   const Stopwatch time;
   std::vector<Contested> all = contested(pairs, candidates);
   const auto view = [&](const Contested& c) { return internal::view_of(aligner_, pairs[c.answer.pair].reference); };
@@ -128,9 +128,9 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const Candidate> c
     all[k].elsewhere =
         internal::look_elsewhere(view(all[k]), options_, aligner_.grey(pair.reference), pair, *all[k].answer.result);
   });
-  std::vector<Candidate> rivals = rivals_of(all);
+  std::vector<PoseCandidate> rivals = rivals_of(all);
   internal::run_rounds(aligner_, *feature_aligner_, options_, pairs, rivals);
-  for (Candidate& rival : rivals) {
+  for (PoseCandidate& rival : rivals) {
     conclude(pairs, rival);
     if (!rival.result->refined) rival.result->T_10 = rival.pose.T_10;  // weighed all the same
   }

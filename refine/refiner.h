@@ -14,7 +14,7 @@
 namespace iclk {
 namespace internal {
 class FeatureAligner;
-struct Candidate;
+struct PoseCandidate;
 }  // namespace internal
 
 struct RefinerOptions {
@@ -132,8 +132,8 @@ class Refiner {
 
  private:
   void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
-  void conclude(std::span<const Pair> pairs, internal::Candidate& candidate) const;
-  void question(std::span<const Pair> pairs, std::span<const internal::Candidate> candidates);
+  void conclude(std::span<const Pair> pairs, internal::PoseCandidate& candidate) const;
+  void question(std::span<const Pair> pairs, std::span<const internal::PoseCandidate> candidates);
 
   Aligner& aligner_;
   std::unique_ptr<internal::FeatureAligner> feature_aligner_;

@@ -11,46 +11,38 @@
 #include "conv_direct.comp.spv.h"
 #include "conv_direct_shared.comp.spv.h"
 #include "winograd4_fused.comp.spv.h"
-#include "winograd4_input.comp.spv.h"
-#include "winograd4_product.comp.spv.h"
-#include "winograd4_product_plain.comp.spv.h"
 #include "winograd4x1.comp.spv.h"
 #include "winograd4x1_fused.comp.spv.h"
-#include "winograd4x1_plain.comp.spv.h"
 
 namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
 constexpr uint32_t kTileSize = 4;  // pixels a side that Winograd's tiles make
-// Transformed tiles of a strip: what a CPU's caches hold; elsewhere enough for all of its cores.
-constexpr uint64_t kStripBytesCpu = 8ull << 20, kStripBytes = 64ull << 20;
-constexpr uint32_t kBorderLanes = 64, kInputLanes = 64;
+constexpr uint32_t kBorderLanes = 64;
+constexpr uint32_t kTileLanes = 8;  // of a workgroup of whole tiles, a power of two
 
 // Tiles of all images, and of one sub-grid in x and y. Four sub-grids of an even dilation fill up a workgroup each: see
 // shaders/convolution/winograd_tile.glsl.
 struct Tiles {
-  Tiles(const ConvStep& step, uint32_t lanes) {
+  explicit Tiles(const ConvStep& step) {
     const uint32_t span = kTileSize * step.dilation;
     x = engine::groups_for(step.out.width, span);
     y = engine::groups_for(step.out.height, span);
     all = static_cast<uint64_t>(x) * y * step.dilation * step.dilation * step.out.images;
-    if (step.dilation % 2 == 0) all = (all / 4 + lanes - 1) / lanes * lanes * 4;
+    if (step.dilation % 2 == 0) all = (all / 4 + kTileLanes - 1) / kTileLanes * kTileLanes * 4;
   }
   uint32_t x, y;
   uint64_t all;
 };
 
-// A power of two.
-uint32_t product_lanes(engine::DeviceType type) { return type == engine::DeviceType::cpu ? 8 : 64; }
 static_assert(ICLK_WINOGRAD_TILES == 4, "an invocation has the tiles of 2x2 sub-grids");
 
-// Tiles that a workgroup of the products takes.
-uint64_t group_tiles(uint32_t lanes) { return static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * lanes; }
+constexpr uint64_t kGroupTiles = static_cast<uint64_t>(ICLK_WINOGRAD_TILES) * kTileLanes;
 uint64_t tile_texels(const ConvStep& step) { return static_cast<uint64_t>(positions(step.variant)) * step.in.planes(); }
 uint64_t fused_texels(const ConvStep& step) {
   if (!of_whole_tiles(step.variant)) return ICLK_FUSED_WORK_TEXELS;
-  return ICLK_FUSED_WORK_TEXELS + ICLK_FUSED_SLOTS * group_tiles(product_lanes(engine::DeviceType::cpu)) * tile_texels(step);
+  return ICLK_FUSED_WORK_TEXELS + ICLK_FUSED_SLOTS * kGroupTiles * tile_texels(step);
 }
 
 // Blocks of output channels that an item of a fused step may have; 0: none. lavapipe ends the loops of an invocation after
@@ -82,8 +74,8 @@ uint64_t TensorLayout::texels() const {
 }
 
 bool can_reduce(const ConvStep& step) {
-  if (step.variant == ConvVariant::winograd4x1) return step.fused && FusedColumns::can_reduce(step);
-  return of_whole_tiles(step.variant) && step.dilation % 2 == 0;
+  if (!step.fused) return false;
+  return of_whole_tiles(step.variant) ? step.dilation % 2 == 0 : FusedColumns::can_reduce(step);
 }
 
 bool can_fuse(const ConvStep& step, const engine::Context& context) {
@@ -91,6 +83,15 @@ bool can_fuse(const ConvStep& step, const engine::Context& context) {
   return step.variant != ConvVariant::direct && context.info().type == engine::DeviceType::cpu && can_shuffle(context.info()) &&
          fused_texels(step) <= std::min<uint64_t>(limits.maxStorageBufferRange / 16, limits.maxTexelBufferElements) &&
          (!of_whole_tiles(step.variant) || most_item_blocks(step) > 0);
+}
+
+bool has_kernel(const ConvStep& step, const engine::Context& context) {
+  switch (step.variant) {
+    case ConvVariant::direct: return true;
+    case ConvVariant::winograd4: return can_fuse(step, context);
+    case ConvVariant::winograd4x1: return can_shuffle(context.info());
+  }
+  return false;
 }
 
 ChannelSums channel_sums(const ConvStep& step) {
@@ -102,49 +103,36 @@ ChannelSums channel_sums(const ConvStep& step) {
   return sums;
 }
 
-ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle)
+ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps)
     : type_(context->info().type),
       direct_lanes_(type_ == engine::DeviceType::cpu ? 32 : 128),
-      column_lanes_(type_ == engine::DeviceType::cpu ? 32 : 64),
-      product_lanes_(product_lanes(context->info().type)) {
+      column_lanes_(type_ == engine::DeviceType::cpu ? 32 : 64) {
   using enum engine::BindingKind;
   using Spirv = engine::ShaderCode;
-  const bool cpu = type_ == engine::DeviceType::cpu;
+  const bool shared = type_ != engine::DeviceType::cpu || !can_shuffle(context->info());
   engine::KernelBatch wanted(context);
   wanted.add(border_,
              {"encode", conv_border_comp_spv, {storage_write, storage_write}, sizeof(shaders::BorderPush), {kBorderLanes}});
   const auto columns = [&](engine::Kernel& kernel, Spirv spirv, std::vector<uint32_t> constants) {
     wanted.add(kernel, {"encode", spirv, {texel_read, texel_read, storage_write}, sizeof(shaders::ConvPush), constants});
   };
-  constexpr uint32_t kWinogradBytes = sizeof(shaders::WinogradPush);
-  const auto choose = [&](Spirv shared, Spirv plain) { return shuffle ? shared : plain; };
   for (const ConvStep& step : steps) switch (step.variant) {
       case ConvVariant::direct:
-        columns(direct_[direct_rows(step) - 1], shuffle && cpu ? conv_direct_comp_spv : conv_direct_shared_comp_spv,
+        columns(direct_[direct_rows(step) - 1], shared ? conv_direct_shared_comp_spv : conv_direct_comp_spv,
                 {direct_lanes_, direct_rows(step)});
         break;
       case ConvVariant::winograd4x1:
         if (step.fused)
           wanted.add(fused_columns_[FusedColumns::kernel_of(step)], FusedColumns::description(step));
         else
-          columns(column_, choose(winograd4x1_comp_spv, winograd4x1_plain_comp_spv), {column_lanes_});
+          columns(column_, winograd4x1_comp_spv, {column_lanes_});
         break;
       case ConvVariant::winograd4:
-        if (step.fused) {
-          wanted.add(tile_fused_[step.reduced], {"encode",
-                                                 winograd4_fused_comp_spv,
-                                                 {image_read, image_read, storage_write, storage_read_write, texel_read},
-                                                 kWinogradBytes,
-                                                 {product_lanes_, step.reduced}});
-          break;
-        }
-        wanted.add(tile_input_,
-                   {"encode", winograd4_input_comp_spv, {texel_read, storage_write}, kWinogradBytes, {kInputLanes}});
-        wanted.add(tile_product_[step.reduced], {"encode",
-                                                 choose(winograd4_product_comp_spv, winograd4_product_plain_comp_spv),
-                                                 {image_read, image_read, storage_write},
-                                                 kWinogradBytes,
-                                                 {product_lanes_, step.reduced}});
+        wanted.add(tiles_[step.reduced], {"encode",
+                                          winograd4_fused_comp_spv,
+                                          {image_read, image_read, storage_write, storage_read_write, texel_read},
+                                          sizeof(shaders::WinogradPush),
+                                          {kTileLanes, step.reduced}});
         break;
     }
   wanted.make();
@@ -161,21 +149,7 @@ uint32_t ConvKernels::direct_rows(const ConvStep& step) const {
   return rows;
 }
 
-uint64_t ConvKernels::scratch_texels(const ConvStep& step, const engine::Context& context) {
-  if (step.fused) return fused_texels(step);
-  const VkPhysicalDeviceLimits& limits = context.limits();
-  const engine::DeviceType type = context.info().type;
-  const uint64_t bytes = type == engine::DeviceType::cpu ? kStripBytesCpu : kStripBytes;
-  return scratch_texels(step, type,
-                        std::min<uint64_t>({bytes, limits.maxStorageBufferRange, limits.maxTexelBufferElements * 16ull}) / 16);
-}
-
-uint64_t ConvKernels::scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most) {
-  if (!of_whole_tiles(step.variant)) return 0;
-  const uint64_t tile = tile_texels(step), group = group_tiles(product_lanes(type));
-  const uint64_t wanted = (Tiles(step, product_lanes(type)).all + group - 1) / group * group;
-  return tile * std::clamp(most / tile / group * group, group, wanted);
-}
+uint64_t ConvKernels::scratch_texels(const ConvStep& step) { return step.fused ? fused_texels(step) : 0; }
 
 void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
                          const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch,
@@ -190,37 +164,23 @@ void ConvKernels::record(engine::Recorder& recorder, const ConvStep& step, const
 
 void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
                                const engine::Buffer& weights, const engine::Buffer& out, const engine::Buffer& scratch) const {
-  const Tiles tiles(step, product_lanes_);
+  const Tiles tiles(step);
   const TensorLayout& to = step.reduced ? step.half : step.out;
-  const uint64_t group = group_tiles(product_lanes_), groups = (tiles.all + group - 1) / group;
+  const uint64_t groups = (tiles.all + kGroupTiles - 1) / kGroupTiles;
   shaders::WinogradPush push{};
   set_layer(push, step, 0, to);
-  push.lane_bits = static_cast<uint32_t>(std::countr_zero(product_lanes_));
+  push.lane_bits = static_cast<uint32_t>(std::countr_zero(kTileLanes));
   push.halves = step.half.width > 0 && step.half.height > 0;
   push.sums = step.reduced ? channel_sums(step).offset : 0;
   push.tiles_x = tiles.x;
   push.tiles_y = tiles.y;
-  if (step.fused) {
-    push.tiles = static_cast<uint32_t>(tiles.all);
-    push.item_blocks = item_blocks(step, groups);
-    const uint32_t blocks = engine::groups_for(step.out.channels, kBlock);
-    push.counter = step.counter;
-    // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
-    recorder.dispatch(tile_fused_[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
-                      spread(1, 2 * groups * engine::groups_for(blocks, push.item_blocks), 1));
-    return;
-  }
-  // Small enough for a CPU's cache, and a multiple of what a workgroup takes.
-  const uint64_t strip = std::min(scratch.size / 16 / tile_texels(step) / group, groups) * group;
-  push.strip = static_cast<uint32_t>(strip);
-  for (uint64_t first = 0; first < tiles.all; first += strip) {
-    push.first_tile = static_cast<uint32_t>(first);
-    push.tiles = static_cast<uint32_t>(std::min(strip, tiles.all - first));
-    recorder.dispatch(tile_input_, {&in, &scratch}, push, {engine::groups_for(push.tiles, kInputLanes), push.in_planes, 1});
-    recorder.dispatch(
-        tile_product_[step.reduced], {&scratch, &weights, &out}, push,
-        {engine::groups_for(step.out.channels, kBlock), engine::groups_for(push.tiles, static_cast<uint32_t>(group)), 1});
-  }
+  push.tiles = static_cast<uint32_t>(tiles.all);
+  push.item_blocks = item_blocks(step, groups);
+  push.counter = step.counter;
+  const uint32_t blocks = engine::groups_for(step.out.channels, kBlock);
+  // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
+  recorder.dispatch(tiles_[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
+                    spread(1, 2 * groups * engine::groups_for(blocks, push.item_blocks), 1));
 }
 
 void ConvKernels::record_columns(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in,
@@ -256,9 +216,8 @@ void ConvKernels::add_to(engine::ArenaSize& size) const {
     if (kernel) size.add(kernel, 2);
   if (column_) size.add(column_, 2);
   fused_columns_.add_to(size);
-  if (tile_input_) size.add(tile_input_, 2);
-  for (const engine::Kernel* kernel : {&tile_product_[0], &tile_product_[1], &tile_fused_[0], &tile_fused_[1]})
-    if (*kernel) size.add(*kernel, 2);
+  for (const engine::Kernel& kernel : tiles_)
+    if (kernel) size.add(kernel, 2);
 }
 
 bool can_shuffle(const engine::DeviceInfo& info) {

@@ -9,11 +9,15 @@
 
 namespace iclk::internal {
 
-/// The step's variant, fused or not, can spare writing its output.
+/// The step, fused or not, can spare writing its output.
 bool can_reduce(const ConvStep& step);
 
 /// The device is a CPU with shuffles (see can_shuffle()), the step's variant has a kernel for such, and its limits are kept.
 bool can_fuse(const ConvStep& step, const engine::Context& context);
+
+/// The device has a kernel for the step's variant: `winograd4` only where it can be fused, `winograd4x1` with shuffles,
+/// `cooperative` with matrices.
+bool has_kernel(const ConvStep& step, const engine::Context& context);
 
 /// What a reduced step leaves for the map: sums over eight channels each, a vec4 for 2x2 pixels. All in vec4.
 struct ChannelSums {
@@ -33,19 +37,15 @@ class ConvKernels {
                         kWeights = engine::BufferUse::texel | engine::BufferUse::image,
                         kScratch = engine::BufferUse::storage | engine::BufferUse::image;
 
-  /// Those that `steps` need: of each its variant, and whether it is reduced or fused, count. `shuffle`: see can_shuffle(); no
-  /// step is fused without.
-  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps, bool shuffle);
+  /// Those that `steps` need: of each its variant, and whether it is reduced or fused, count.
+  ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps);
 
-  /// Scratch texels that a step asks for on a device; 0: none. Not fused: more than one strip of tiles where they are fewer
-  /// than a CPU's caches hold, or fill a large device.
-  static uint64_t scratch_texels(const ConvStep& step, const engine::Context& context);
-  /// The same of a step that is not fused with at most `most` texels, unless that is too few for one strip.
-  static uint64_t scratch_texels(const ConvStep& step, engine::DeviceType type, uint64_t most);
+  /// Scratch texels that a step asks for; 0: none.
+  static uint64_t scratch_texels(const ConvStep& step);
 
   /// Before fused steps: zeroes their counters in `scratch`, ICLK_WORK_COUNTERS of them.
   void record_start(engine::Recorder& recorder, const engine::Buffer& scratch) const;
-  /// in -> out. `scratch`: texels for the transformed tiles, as many as scratch_texels() says. A step that writes_map() does so
+  /// in -> out. `scratch`: as many texels as scratch_texels() says. A step that writes_map() does so
   /// at `place`, of all images in their order in one or two `parts`.
   void record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
               const engine::Buffer& out, const engine::Buffer& scratch, const MapPlace& place = {},
@@ -66,10 +66,10 @@ class ConvKernels {
   uint32_t direct_rows(const ConvStep& step) const;
 
   engine::DeviceType type_;
-  uint32_t direct_lanes_, column_lanes_, product_lanes_;
+  uint32_t direct_lanes_, column_lanes_;
   engine::Kernel border_, direct_[ICLK_CONV_MOST_ROWS], column_;  // direct_[rows - 1]
   FusedColumns fused_columns_;
-  engine::Kernel tile_input_, tile_product_[2], tile_fused_[2];  // [1]: reduced
+  engine::Kernel tiles_[2];  // [1]: reduced
 };
 
 /// The device hands values between at least eight lanes of a subgroup in compute shaders.

@@ -18,11 +18,9 @@ constexpr uint64_t kPassBytes = 192ull << 20;
 }  // namespace
 
 Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
-                 uint32_t most_images, engine::MemoryPlan& memory, std::optional<ConvVariant> variant, uint64_t most_bytes,
-                 bool shuffle)
+                 uint32_t most_images, engine::MemoryPlan& memory, std::optional<ConvVariant> variant, uint64_t most_bytes)
     : model_(std::move(model)),
       format_(plan.format),
-      shuffle_(shuffle && can_shuffle(context.info())),
       normalising_(context.info().type == engine::DeviceType::cpu ? Normalising{8, 20} : Normalising{64, 4}),
       row_pixels_(layout.row_pixels()),
       pixel_words_(layout.pixel_words),
@@ -43,9 +41,10 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       const ConvShape shape{
           layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width), static_cast<int>(step.in.height), last};
       step.variant = variant.value_or(choose_variant(shape, context.info().type));
-      if (context.storage_reads()) step.variant = ConvVariant::direct;  // the others read storage texel buffers
+      // The others read storage texel buffers.
+      if (context.storage_reads() || !has_kernel(step, context)) step.variant = ConvVariant::direct;
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
-      step.fused = shuffle_ && can_fuse(step, context);
+      step.fused = can_fuse(step, context);
       step.reduced = last && can_reduce(step);
       step.whole_map = writes_map(step);
       for (const Tiling::Span& row : tiling_.rows)
@@ -68,7 +67,7 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
   for (Level& level : levels_)
     for (ConvStep& step : level.steps) {
       step.in.images = step.out.images = pass_;
-      scratch = std::max(scratch, ConvKernels::scratch_texels(step, context));
+      scratch = std::max(scratch, ConvKernels::scratch_texels(step));
     }
   const auto add = [&](const char* name, uint64_t count, engine::BufferUse use = ConvKernels::kActivations) {
     return memory.add(name, kTexelBytes * count, engine::MemoryKind::device, use, kTexelFormat);
@@ -146,7 +145,7 @@ void Encoder::load(std::shared_ptr<const engine::Context> context, const engine:
                  {texel_read, storage_write, storage_read},
                  sizeof(shaders::NormalisePush),
                  {normalising_.lanes, format, channels, by_image(), normalising_.pixels}}};
-  convolutions_.emplace(context, steps, shuffle_);
+  convolutions_.emplace(context, steps);
   feature_maps_.emplace(context);
 }
 

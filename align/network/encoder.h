@@ -15,11 +15,11 @@ class Encoder {
  public:
   /// Arithmetic only: adds its buffers to `memory`. The `layout.levels.size()` finest levels of the model are computed, for up
   /// to `most_images` images at a time. `variant`: of every layer, in place of choose_variant(). An image that needs more than
-  /// `most_bytes` a buffer for its activations goes through in tiles. `shuffle`: with the kernels for devices that can, see
-  /// can_shuffle(). Precondition: the model has so many levels. Throws Error(unsupported): see Tiling.
+  /// `most_bytes` a buffer for its activations goes through in tiles. Precondition: the model has so many levels.
+  /// Throws Error(unsupported): see Tiling.
   Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
           uint32_t most_images, engine::MemoryPlan& memory, std::optional<ConvVariant> variant = {},
-          uint64_t most_bytes = kActivationBytes, bool shuffle = true);
+          uint64_t most_bytes = kActivationBytes);
 
   /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory);
@@ -64,7 +64,6 @@ class Encoder {
 
   std::shared_ptr<const Model> model_;
   PixelFormat format_;
-  bool shuffle_;
   // Lanes of a workgroup of normalise.comp, and pixels of each: lavapipe reads what they share in the time that many take.
   struct Normalising {
     uint32_t lanes, pixels;

@@ -53,9 +53,13 @@ struct Kernels {
   Kernels(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes) : maps(context) {
     for (ConvVariant variant : kConvVariants) {
       std::vector<ConvStep> steps;
-      for (const ConvShape& shape : shapes) steps.push_back(step_of(shape, variant, *context));
+      for (const ConvShape& shape : shapes) {
+        const ConvStep step = step_of(shape, variant, *context);
+        if (has_kernel(step, *context)) steps.push_back(step);
+      }
+      if (steps.empty()) continue;
       try {
-        convolutions.try_emplace(variant, context, std::span<const ConvStep>(steps), can_shuffle(context->info()));
+        convolutions.try_emplace(variant, context, std::span<const ConvStep>(steps));
       } catch (const Error& error) {
         if (variant == ConvVariant::direct || error.code() == ErrorCode::device_lost) throw;
         dropped.push_back({variant, error.what()});
@@ -111,7 +115,7 @@ class Trial {
     };
     using Uses = ConvKernels;
     const auto w = add("timed layer: weights", packed.data().size() / 4, Uses::kWeights),
-               tiles = add("timed layer: tiles", std::max<uint64_t>(Uses::scratch_texels(step, *context), 1), Uses::kScratch);
+               tiles = add("timed layer: tiles", std::max<uint64_t>(Uses::scratch_texels(step), 1), Uses::kScratch);
     memory_.emplace(context, plan);
     write_buffer(context, (*memory_)[w], packed.data());
     engine::ArenaSize size;
@@ -157,8 +161,9 @@ LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, con
   std::map<ConvVariant, Trial> trials;
   std::map<ConvVariant, std::vector<double>> seconds;
   for (const auto& [variant, convolutions] : kernels.convolutions)
-    // The first run, which compiles, does not count.
-    trials.try_emplace(variant, context, kernels, convolutions, shape, variant, tensors).first->second.run();
+    if (has_kernel(step_of(shape, variant, *context), *context))
+      // The first run, which compiles, does not count.
+      trials.try_emplace(variant, context, kernels, convolutions, shape, variant, tensors).first->second.run();
   // They take turns, so that what else the machine does for a while falls on all of them.
   for (int run = 0; run < repetitions; ++run)
     for (auto& [variant, trial] : trials) seconds[variant].push_back(trial.run());

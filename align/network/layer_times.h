@@ -26,7 +26,7 @@ struct LayerTimes {
     std::string why;
   };
   ConvShape shape;
-  std::vector<Way> ways;         ///< every variant that the device can run; `direct` is one
+  std::vector<Way> ways;         ///< every variant that the device has a kernel for; `direct` is one
   std::vector<Dropped> dropped;  ///< the others, which are the same of every layer
 
   const Way& fastest() const;                 ///< by its least time

@@ -18,15 +18,6 @@ Planes cropped(const Planes& in, int u0, int v0, int width, int height) {
 
 }  // namespace
 
-Map m_estimator_dense(const Model& model, const Planes& in, const Map& visible) {
-  Planes x = in;
-  for (const ConvLayer& layer : model.m_estimator) x = convolve(x, layer);
-  Map weight(in.width, in.height);
-  std::transform(x.data.begin(), x.data.end(), visible.data.begin(), weight.data.begin(),
-                 [](float y, float m) { return m > 0 ? sigmoid(y) : 0.0f; });
-  return weight;
-}
-
 Map m_estimator(const Model& model, const Planes& in, const Map& visible) {
   constexpr int kTile = 16;
   int reach = 0;

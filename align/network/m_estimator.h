@@ -6,9 +6,8 @@
 
 namespace iclk::internal {
 
-/// Layers of the M-estimator on its four channels, then a sigmoid, times `visible` (0 or 1): computed everywhere, or only
-/// around the visible pixels, to the same values.
-Map m_estimator_dense(const Model& model, const Planes& in, const Map& visible);
+/// Layers of the M-estimator on its four channels, then a sigmoid, times `visible` (0 or 1): computed only around the visible
+/// pixels.
 Map m_estimator(const Model& model, const Planes& in, const Map& visible);
 
 /// Bilinear in pixel areas, borders repeated: u_in = (u + 0.5) in.width / width - 0.5.

@@ -138,7 +138,7 @@ void refine_depths(const View& view, const RefinerOptions& options, const Matrix
 
 }  // namespace
 
-void conclude(const View& view, const RefinerOptions& options, const Pair& pair, Candidate& c) {
+void conclude(const View& view, const RefinerOptions& options, const Pair& pair, PoseCandidate& c) {
   RefinedAlignment& r = *c.result;
   if (r.rounds == 0) return;
   const Matrix6d turn_share = options.rolling_shutter ? unbend(view, options.pose, !pair.search, r, c.pose) : Matrix6d::Zero();

@@ -22,7 +22,7 @@ bool wants_colours(const RefinerOptions& options, const RefinedAlignment& r, int
 
 /// The pose of the features as they were found in this round. False: a further round would find the same.
 bool take_step(const View& view, const RefinerOptions& options, int round, AlignedFeatures&& found, double alignment_ms,
-               Candidate& c) {
+               PoseCandidate& c) {
   RefinedAlignment& r = *c.result;
   const bool same_set = round > 0 && aligned_set(r.features) == aligned_set(found.features);
   const Recolouring recolouring = wants_colours(options, r, round) ? recolour(found.colours) : r.recolouring;
@@ -42,9 +42,9 @@ bool take_step(const View& view, const RefinerOptions& options, int round, Align
 }
 
 std::vector<FeatureAlignmentTask> tasks_of(const RefinerOptions& options, std::span<const Pair> pairs,
-                                           std::span<Candidate* const> candidates, int round) {
+                                           std::span<PoseCandidate* const> candidates, int round) {
   std::vector<FeatureAlignmentTask> tasks;
-  for (const Candidate* c : candidates)
+  for (const PoseCandidate* c : candidates)
     tasks.push_back({pairs[c->pair].reference, static_cast<int>(c->pair), c->T_10, c->result->recolouring.weights,
                      wants_colours(options, *c->result, round)});
   return tasks;
@@ -63,9 +63,9 @@ void record_stage(RefinedAlignment& r, const char* name, const SE3& T_10, double
 }
 
 void run_rounds(const Aligner& aligner, FeatureAligner& feature_aligner, const RefinerOptions& options,
-                std::span<const Pair> pairs, std::span<Candidate> candidates) {
-  std::vector<Candidate*> active;
-  for (Candidate& c : candidates) active.push_back(&c);
+                std::span<const Pair> pairs, std::span<PoseCandidate> candidates) {
+  std::vector<PoseCandidate*> active;
+  for (PoseCandidate& c : candidates) active.push_back(&c);
   for (int round = 0; round < options.rounds && !active.empty(); ++round) {
     const Stopwatch time;
     std::vector<AlignedFeatures> found = feature_aligner.align(tasks_of(options, pairs, active, round));
@@ -75,7 +75,7 @@ void run_rounds(const Aligner& aligner, FeatureAligner& feature_aligner, const R
       const View view = view_of(aligner, pairs[active[k]->pair].reference);
       moves[k] = take_step(view, options, round, std::move(found[k]), ms, *active[k]);
     });
-    std::vector<Candidate*> moving;
+    std::vector<PoseCandidate*> moving;
     for (size_t k = 0; k < active.size(); ++k)
       if (moves[k]) moving.push_back(active[k]);
     active = std::move(moving);

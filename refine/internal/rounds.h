@@ -9,7 +9,7 @@
 namespace iclk::internal {
 
 /// A pose on its way through the rounds.
-struct Candidate {
+struct PoseCandidate {
   size_t pair = 0;  ///< of the batch
   RefinedAlignment* result = nullptr;
   SE3 T_10;  ///< warps the next round
@@ -24,6 +24,6 @@ void record_stage(RefinedAlignment& r, const char* name, const SE3& T_10, double
 
 /// Rounds of feature alignment and pose for all candidates together, until none moves any more.
 void run_rounds(const Aligner& aligner, FeatureAligner& feature_aligner, const RefinerOptions& options,
-                std::span<const Pair> pairs, std::span<Candidate> candidates);
+                std::span<const Pair> pairs, std::span<PoseCandidate> candidates);
 
 }  // namespace iclk::internal

@@ -108,7 +108,7 @@ void write_reduced(uint block, int first, inout vec4 sum[N][N][T][2]) {
   int out_plane = int(push.out_plane);
   int tiles = int(push.tiles), out_offset = int(push.out_offset) + int(2u * block) * out_plane;
   // The tiles are those of four sub-grids: the same pixel of each makes a 2x2 block.
-  Tile tile = tile_at(int(push.first_tile) + min(first, tiles - 1));
+  Tile tile = tile_at(min(first, tiles - 1));
   bool live = first < tiles && tile.image < int(push.images), halves = live && push.halves != 0u;
   int columns = (width + 1) / 2, rows = (height + 1) / 2;
   int to = out_offset + tile.image * int(push.out_image) + tile.y / 2 * pitch + tile.x / 2;
@@ -150,7 +150,7 @@ void write_whole(uint block, int first, inout vec4 sum[N][N][T][2]) {
   int t = 0;
   do {
     int index = first + t * lanes;
-    Tile tile = tile_at(int(push.first_tile) + min(index, tiles - 1));
+    Tile tile = tile_at(min(index, tiles - 1));
     bool live = index < tiles && tile.image < int(push.images);
     int out_at = out_offset + tile.image * int(push.out_image) + tile.y * pitch + tile.x;
     [[unroll]] for (int h = 0; h < 2; ++h) {

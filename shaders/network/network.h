@@ -98,13 +98,12 @@ struct WinogradPush {
   uint in_offset, in_pitch, in_plane, in_image, in_planes;
   uint out_offset, out_pitch, out_plane, out_image, out_planes;
   uint weights, bias;
-  uint tiles_x, tiles_y;   // of one of the dilation^2 interleaved sub-grids
-  uint first_tile, tiles;  // of this strip
-  uint strip;              // tiles that the strip has room for
-  uint lane_bits;          // binary logarithm of the product's lanes, see winograd_tile.glsl
-  // winograd_fused: blocks of output channels of an item of work, and which counter.
+  uint tiles_x, tiles_y;  // of one of the dilation^2 interleaved sub-grids
+  uint tiles;
+  uint lane_bits;  // binary logarithm of a workgroup's lanes, see winograd_tile.glsl
+  // Blocks of output channels of an item of work, and which counter.
   uint item_blocks, counter;
-  // A product that is reduced: its out_* are those of the 2x2 means.
+  // Of a layer that is reduced out_* are those of the 2x2 means.
   uint halves;  // 0: they are not asked for
   uint sums;    // texels of single precision before the sums over channels
 };

@@ -18,7 +18,7 @@ struct DeviceEncoder {
   std::shared_ptr<const Model> model;
   Plan plan;
   internal::Layout layout;
-  bool shuffle = true;
+  std::shared_ptr<engine::Context> context = device();
   uint64_t most_bytes = internal::kActivationBytes;
   std::optional<internal::ConvVariant> variant;  ///< of every layer
 
@@ -30,7 +30,6 @@ struct DeviceEncoder {
   /// Maps of all images, in passes of `pass` images; the last `last` of them are recorded after the first one, as if they lay
   /// elsewhere. Precondition: `last` is less than their number.
   std::vector<float> encode(const std::vector<ImageView>& images, uint32_t pass, uint32_t last = 0) const {
-    const auto context = device();
     const auto n = static_cast<uint32_t>(images.size());
     engine::MemoryPlan memory_plan;
     const uint64_t image_bytes = 4ull * layout.pixel_words;
@@ -39,7 +38,7 @@ struct DeviceEncoder {
                         engine::BufferUse::storage | engine::BufferUse::texel, internal::texel_format(plan.format));
     const auto maps = memory_plan.add("maps", 4ull * layout.map_stride * n, engine::MemoryKind::device,
                                       engine::BufferUse::storage | engine::BufferUse::texel, VK_FORMAT_R32_SFLOAT);
-    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, variant, most_bytes, shuffle);
+    internal::Encoder encoder(*context, model, layout, plan, pass, memory_plan, variant, most_bytes);
     EXPECT_EQ(encoder.images_per_pass(), pass);
     const engine::Workspace memory(context, memory_plan);
     encoder.load(context, memory);

@@ -148,9 +148,7 @@ TEST_P(LearnedAligner, DenseModeGivesTheWeightsOfThePatches) {
 
 TEST_P(LearnedAligner, ADeviceWithoutSubgroupsGivesTheSame) {
   const std::shared_ptr<const Model> model = odd_model();
-  auto request = watched_options();
-  request.subgroups = false;
-  const auto context = engine::create_context(request);
+  const auto context = device_without_subgroups();
   ASSERT_EQ(context->info().subgroup_operations, 0u);
   const Scenes s(1);
   const auto plain = make_device_aligner(context, plan_for(s.scenes[0].camera), options_of(*model), GetParam(), model);

@@ -111,7 +111,6 @@ TEST_P(TiledEncoder, GivesTheMapsOfTheWholeImage) {
                    : std::make_shared<Model>(test::random_model({{4, 4, 4}, {5, 5, 5}, {8, 8, 8}, {9, 9, 9}, {4, 4, 8}}));
   test::DeviceEncoder encoder(model, c.width, c.height, c.levels, PixelFormat::rgba8);
   encoder.most_bytes = bytes_of(*model, c.tile, c.tile, c.levels);
-  encoder.shuffle = internal::can_shuffle(test::device()->info());
   encoder.variant = c.variant;
   const Tiling tiling = encoder.tiling();
   ASSERT_EQ(tiling.columns.size(), c.columns) << tiling.width;

@@ -10,6 +10,7 @@
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/align/device_recording.h>
+#include <iclk/engine/compute/memory.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/result.h>
 #include <iclk/engine/submission.h>

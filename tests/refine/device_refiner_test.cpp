@@ -3,6 +3,7 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
+#include <iclk/engine/compute/memory.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/device_refiner.h>

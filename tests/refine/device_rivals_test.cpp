@@ -2,6 +2,7 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
+#include <iclk/engine/compute/memory.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/device_refiner.h>
 
@@ -110,7 +111,8 @@ TEST(DeviceRivals, WhatIsFixedToTheCamera) {
     overlay(pair.image1, fixed, first, 240);
     expect_alike(pair);
   }
-  expect_alike(of_wall("a camera that stands still", [&](double x, double y) { return 0.5 + 0.05 * scene(x, y); }, SE3()));
+  expect_alike(of_wall(
+      "a camera that stands still", [&](double x, double y) { return 0.5 + 0.05 * scene(x, y); }, SE3()));
 }
 
 TEST(DeviceRivals, WhatMovesByItself) {

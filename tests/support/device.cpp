@@ -13,7 +13,7 @@ namespace {
 std::mutex mutex;
 std::vector<std::string>* expected = nullptr;
 bool device_required = false;
-std::shared_ptr<engine::Context> shared_context;
+std::shared_ptr<engine::Context> shared_context, without_subgroups;
 std::string why_missing;
 bool tried = false;
 
@@ -25,7 +25,7 @@ bool may_lack_device() {
 /// Lets go of the context before main() ends, and while a message still fails the run.
 class Environment : public ::testing::Environment {
  public:
-  void TearDown() override { shared_context.reset(); }
+  void TearDown() override { shared_context = without_subgroups = nullptr; }
 };
 
 }  // namespace
@@ -42,6 +42,13 @@ engine::ContextOptions watched_options() {
   const char* request = std::getenv("ICLK_DEVICE");
   const char* storage = std::getenv("ICLK_TEST_STORAGE_READS");
   return {request ? request : "", true, report_validation, storage && std::string(storage) == "1"};
+}
+
+std::shared_ptr<engine::Context> device_without_subgroups() {
+  if (without_subgroups) return without_subgroups;
+  engine::ContextOptions options = watched_options();
+  options.subgroups = false;
+  return without_subgroups = engine::create_context(options);
 }
 
 std::shared_ptr<engine::Context> device() {

@@ -11,6 +11,9 @@ namespace iclk::test {
 /// running test, and the run. Null where this machine has no Vulkan device and ICLK_ALLOW_NO_DEVICE=1 permits it.
 std::shared_ptr<engine::Context> device();
 
+/// The same device as one without subgroup operations.
+std::shared_ptr<engine::Context> device_without_subgroups();
+
 /// Options of a test's own context: validated and watched like device(), on the device that ICLK_DEVICE names.
 engine::ContextOptions watched_options();
 
