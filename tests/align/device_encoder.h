@@ -57,7 +57,7 @@ struct DeviceEncoder {
     encoder.record(recorder, memory, all);
     submission.end();
     submission.submit_and_wait();
-    return read_back(memory[maps]);
+    return read_back(memory[maps], context);
   }
   std::vector<float> encode(const std::vector<std::vector<uint8_t>>& rgb8, uint32_t pass, uint32_t last = 0) const {
     std::vector<ImageView> images;

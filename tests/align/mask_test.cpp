@@ -1,32 +1,14 @@
 // The mask of the device against the CPU reference, bit by bit, where features crowd: there a pixel lies in hundreds of
 // patches, and work that grows with their number squared would take minutes.
-#include <cstring>
-
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/solver/mask.h>
-#include <iclk/engine/submission.h>
 
+#include "read_back.h"
 #include "solvers.h"
 
 namespace iclk::test {
 namespace {
-
-std::vector<float> read_back(const engine::Buffer& buffer) {
-  engine::MemoryPlan plan;
-  const auto id = plan.add("read back", buffer.size, engine::MemoryKind::readback, engine::BufferUse::transfer);
-  engine::Workspace copy(device(), plan);
-  engine::DescriptorArena arena(device(), {});
-  engine::Submission submission(device());
-  engine::Recorder recorder(submission, arena);
-  recorder.copy(buffer, copy[id], buffer.size);
-  recorder.host_read({&copy[id]});
-  submission.end();
-  submission.submit_and_wait();
-  std::vector<float> out(buffer.size / 4);
-  std::memcpy(out.data(), copy[id].mapped, out.size() * 4);
-  return out;
-}
 
 /// Elements whose inverse depth in the template is not the mask of the CPU reference.
 size_t wrong_elements(const Camera& camera, const Features& features, const AlignerOptions& options, int max_features) {

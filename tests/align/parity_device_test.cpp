@@ -1,18 +1,15 @@
 // The Vulkan solvers against the executable specification and against the CPU reference.
 #include <gtest/gtest.h>
 
-#include <cstring>
-
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/align/solver/cpu_aligner.h>
 #include <iclk/align/solver/jacobian.h>
 #include <iclk/align/solver/mask.h>
-#include <iclk/engine/submission.h>
 
-#include "device.h"
 #include "golden.h"
+#include "read_back.h"
 
 namespace iclk {
 namespace {
@@ -78,22 +75,6 @@ INSTANTIATE_TEST_SUITE_P(Golden, ParityDevice,
 class DeviceStages : public testing::TestWithParam<const char*> {
  protected:
   void SetUp() override { ICLK_NEED_DEVICE(); }
-
-  std::vector<float> read(const engine::Workspace& memory, engine::Submission& submission, engine::DescriptorArena& arena,
-                          const engine::Buffer& buffer) {
-    engine::MemoryPlan plan;
-    const auto id = plan.add("read back", buffer.size, engine::MemoryKind::readback, engine::BufferUse::transfer);
-    engine::Workspace copy(test::device(), plan);
-    engine::Recorder recorder(submission, arena);
-    recorder.copy(buffer, copy[id], buffer.size);
-    recorder.host_read({&copy[id]});
-    submission.end();
-    submission.submit_and_wait();
-    (void)memory;
-    std::vector<float> out(buffer.size / 4);
-    std::memcpy(out.data(), copy[id].mapped, out.size() * 4);
-    return out;
-  }
 };
 
 TEST_P(DeviceStages, AgreeWithGolden) {
@@ -111,10 +92,7 @@ TEST_P(DeviceStages, AgreeWithGolden) {
   aligner.set_reference(0, {golden.view(rgb0), camera, features, {}});
   (void)aligner.align(Pair{0, golden.view(rgb1), {}, {}});
   const auto maps = internal::DeviceParts::maps(aligner);
-  engine::DescriptorArena arena(context, {});
-  engine::Submission submission(context);
-  engine::Workspace none;
-  const auto maps0 = read(none, submission, arena, *maps.maps0), maps1 = read(none, submission, arena, *maps.maps1);
+  const auto maps0 = test::read_back(*maps.maps0), maps1 = test::read_back(*maps.maps1);
   const internal::Layout layout(plan, options);
   for (int level = 0; level < 4; ++level) {
     const auto& info = layout.levels[static_cast<size_t>(level)];
@@ -126,8 +104,8 @@ TEST_P(DeviceStages, AgreeWithGolden) {
       }
   }
 
-  const auto a = read(none, submission, arena, internal::DeviceParts::template_pixels(aligner)),
-             b = read(none, submission, arena, internal::DeviceParts::template_gradients(aligner));
+  const auto a = test::read_back(internal::DeviceParts::template_pixels(aligner)),
+             b = test::read_back(internal::DeviceParts::template_gradients(aligner));
   const auto checks = check_features(features, camera);
   for (int level = 0; level < 4; ++level) {
     const auto& info = layout.levels[static_cast<size_t>(level)];

@@ -9,9 +9,8 @@
 
 namespace iclk::test {
 
-/// The floats of a buffer of device().
-inline std::vector<float> read_back(const engine::Buffer& buffer) {
-  const auto context = device();
+/// The floats of a buffer of that context.
+inline std::vector<float> read_back(const engine::Buffer& buffer, const std::shared_ptr<engine::Context>& context = device()) {
   engine::MemoryPlan plan;
   const auto id = plan.add("read back", buffer.size, engine::MemoryKind::readback, engine::BufferUse::transfer);
   const engine::Workspace copy(context, plan);
