@@ -122,10 +122,10 @@ struct Both {
   }
 };
 
-/// Five pixels beside the truth: some features need level 1.
+/// Three pixels beside the truth: some features need level 1.
 SE3 guess(const Scene& scene) {
   Vector6d xi = Vector6d::Zero();
-  xi[4] = 5 / scene.camera.fx;
+  xi[4] = 3 / scene.camera.fx;
   return scene.T_10 * SE3::exp(xi);
 }
 
