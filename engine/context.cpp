@@ -5,8 +5,8 @@
 #include <limits>
 
 #include <iclk/engine/internal/instance.h>
-#include <iclk/engine/internal/memory_layout.h>
-#include <iclk/engine/internal/pipelines.h>
+#include <iclk/engine/compute/memory_layout.h>
+#include <iclk/engine/compute/pipelines.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {

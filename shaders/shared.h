@@ -242,7 +242,7 @@ struct ImportPush {
   uint grey;        // 1: the first channel is the grey value
 };
 
-// Features that the device chooses: one in each cell of a lattice, where depth is known (align/device/cells.h).
+// Features that the device chooses: one in each cell of a lattice, where depth is known (align/plan/cells.h).
 #define ICLK_CHOOSE_GROUP 64
 #define ICLK_CHOOSE_SPREAD 0.05  // of a patch's depth: what has more is taken only where a cell has nothing else
 struct ChoosePush {

@@ -5,7 +5,6 @@
 
 #include <Eigen/LU>
 
-#include <iclk/align/solver/mask.h>
 #include <iclk/engine/error.h>
 
 namespace iclk::internal {

@@ -1,5 +1,5 @@
 #pragma once
-#include <iclk/align/device/layout.h>
+#include <iclk/align/plan/layout.h>
 #include <iclk/align/device_recording.h>
 #include <iclk/engine/compute/recorder.h>
 

@@ -1,5 +1,5 @@
 #pragma once
-#include <iclk/align/device/layout.h>
+#include <iclk/align/plan/layout.h>
 #include <iclk/align/pyramid.h>
 #include <iclk/engine/compute/kernel.h>
 #include <iclk/engine/compute/memory.h>

@@ -16,25 +16,6 @@
 
 namespace iclk::internal {
 
-uint32_t shader_format(PixelFormat format) {
-  switch (format) {
-    case PixelFormat::r8: return ICLK_FORMAT_R8;
-    case PixelFormat::bgra8: return ICLK_FORMAT_BGRA8;
-    case PixelFormat::r32f: return ICLK_FORMAT_R32F;
-    case PixelFormat::rgba32f: return ICLK_FORMAT_RGBA32F;
-    default: return ICLK_FORMAT_RGBA8;
-  }
-}
-
-VkFormat texel_format(PixelFormat format) {
-  switch (format) {
-    case PixelFormat::r8: return VK_FORMAT_R8_UNORM;
-    case PixelFormat::r32f: return VK_FORMAT_R32_SFLOAT;
-    case PixelFormat::rgba32f: return VK_FORMAT_R32G32B32A32_SFLOAT;
-    default: return VK_FORMAT_R8G8B8A8_UNORM;  // of BGRA as well, which not every device has: shaders swap
-  }
-}
-
 Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
                  const Layout& layout, const WorkgroupSizes& sizes) {
   using enum engine::BindingKind;

@@ -5,11 +5,6 @@
 
 namespace iclk::internal {
 
-/// ICLK_FORMAT_* of a plan's pixel format.
-uint32_t shader_format(PixelFormat format);
-/// Of a texel buffer of a plan's pixels, a texel each.
-VkFormat texel_format(PixelFormat format);
-
 /// The shaders of shaders/, specialised for a plan.
 struct Kernels {
   Kernels(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,

@@ -5,7 +5,7 @@
 
 #include <iclk/align/device_aligner.h>
 #include <iclk/align/pyramid.h>
-#include <iclk/align/search/device_matching.h>
+#include <iclk/align/device/device_matching.h>
 
 namespace iclk::internal {
 

@@ -5,7 +5,7 @@
 #include <iclk/align/aligner.h>
 #include <iclk/align/device/kernels.h>
 #include <iclk/align/network/device_network.h>
-#include <iclk/align/search/device_matching.h>
+#include <iclk/align/device/device_matching.h>
 #include <iclk/align/solver/verdict.h>
 #include <iclk/engine/compute/memory.h>
 #include <iclk/engine/compute/recorder.h>

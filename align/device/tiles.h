@@ -3,7 +3,7 @@
 #include <span>
 #include <vector>
 
-#include <iclk/align/device/layout.h>
+#include <iclk/align/plan/layout.h>
 #include <iclk/align/features.h>
 
 namespace iclk::internal {

@@ -1,5 +1,5 @@
 #pragma once
-#include <iclk/align/device/layout.h>
+#include <iclk/align/plan/layout.h>
 #include <iclk/align/network/packed_weights.h>
 #include <iclk/engine/compute/recorder.h>
 

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include <iclk/align/device/kernels.h>
 
 #include "image_light.comp.spv.h"
 #include "image_moments.comp.spv.h"

@@ -5,7 +5,7 @@
 #include <utility>
 
 #include <iclk/engine/error.h>
-#include <iclk/engine/internal/pipelines.h>
+#include <iclk/engine/compute/pipelines.h>
 
 namespace iclk::engine {
 namespace {

@@ -3,7 +3,7 @@
 #include <utility>
 
 #include <iclk/engine/compute/format.h>
-#include <iclk/engine/internal/memory_layout.h>
+#include <iclk/engine/compute/memory_layout.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {

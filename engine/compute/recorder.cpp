@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include <iclk/engine/compute/format.h>
-#include <iclk/engine/internal/hazards.h>
+#include <iclk/engine/compute/hazards.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {

@@ -1,6 +1,6 @@
 #include <string>
 
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/align_feature.h>
 #include <iclk/refine/internal/feature_aligner.h>

@@ -2,7 +2,7 @@
 #include <memory>
 
 #include <iclk/align/device/parts.h>
-#include <iclk/align/search/device_matching.h>
+#include <iclk/align/device/device_matching.h>
 #include <iclk/engine/compute/kernel.h>
 #include <iclk/refine/internal/device_pose.h>
 #include <iclk/refine/refiner.h>

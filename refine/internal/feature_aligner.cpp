@@ -1,6 +1,6 @@
 #include <iclk/refine/internal/feature_aligner.h>
 
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 

@@ -6,7 +6,7 @@
 
 #include <Eigen/Eigenvalues>
 
-#include <iclk/align/device/cells.h>
+#include <iclk/align/plan/cells.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/device_refiner.h>
 

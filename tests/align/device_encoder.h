@@ -5,7 +5,6 @@
 
 #include <gtest/gtest.h>
 
-#include <iclk/align/device/kernels.h>
 #include <iclk/align/device/upload.h>
 #include <iclk/align/network/encoder.h>
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <limits>
 
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 
 #include "random_model.h"
 #include "relief.h"

@@ -6,7 +6,7 @@
 
 #include <iclk/align/network/m_estimator.h>
 #include <iclk/align/network/network.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/engine/error.h>
 
 #include "random_model.h"

@@ -1,7 +1,7 @@
 // The CPU reference against the executable specification, stage by stage.
 #include <gtest/gtest.h>
 
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/solver/jacobian.h>
 #include <iclk/align/solver/mask.h>
 #include <iclk/align/solver/normal_equations.h>

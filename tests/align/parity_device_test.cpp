@@ -4,7 +4,7 @@
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/device_aligner.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/solver/jacobian.h>
 #include <iclk/align/solver/mask.h>
 

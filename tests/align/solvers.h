@@ -6,7 +6,7 @@
 #include <gtest/gtest.h>
 
 #include <iclk/align/device_aligner.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 
 #include "device.h"
 #include "relief.h"

@@ -6,7 +6,7 @@
 
 #include <gtest/gtest.h>
 
-#include <iclk/engine/internal/hazards.h>
+#include <iclk/engine/compute/hazards.h>
 
 namespace iclk::engine {
 namespace {

@@ -1,6 +1,6 @@
 // A pair goes from one model to the next until one converges. CPU aligners stand for the models: the first without a search.
 #include <gtest/gtest.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/cascade.h>
 

@@ -4,7 +4,7 @@
 #include <memory>
 
 #include <gtest/gtest.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/feature_aligner.h>

@@ -2,7 +2,7 @@
 #include <cstring>
 
 #include <gtest/gtest.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/engine/submission.h>

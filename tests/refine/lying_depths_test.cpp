@@ -1,6 +1,6 @@
 // Depths of another scene, mirrored or constant, fit no pose: that is said.
 #include <gtest/gtest.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/refine/cascade.h>
 #include <iclk/refine/internal/plane.h>
 

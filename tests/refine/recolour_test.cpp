@@ -3,7 +3,7 @@
 #include <limits>
 
 #include <gtest/gtest.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/refine/internal/align_feature.h>
 #include <iclk/refine/internal/feature_aligner.h>

@@ -2,7 +2,7 @@
 #include <algorithm>
 
 #include <gtest/gtest.h>
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/refine/cascade.h>
 #include <iclk/refine/internal/rivals.h>
 

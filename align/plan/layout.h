@@ -3,7 +3,7 @@
 #include <array>
 #include <vector>
 
-#include <iclk/align/device/cells.h>
+#include <iclk/align/plan/cells.h>
 #include <iclk/align/model.h>
 #include <iclk/engine/context.h>
 #include <iclk/shaders/shared.h>
@@ -56,6 +56,11 @@ struct BlockRange {
 };
 /// Those that the patch of a feature within a cell may reach into (align/device/tiles.cpp).
 BlockRange blocks_of(const Cells::Rectangle& cell, size_t level);
+
+/// ICLK_FORMAT_* of a plan's pixel format.
+uint32_t shader_format(PixelFormat format);
+/// Of a texel buffer of a plan's pixels, a texel each.
+VkFormat texel_format(PixelFormat format);
 
 /// How many pairs of a plan one batch can hold on a device: as many as its largest buffer may have, at most plan.max_pairs.
 /// Throws Error(unsupported) with the numbers if not even one fits.

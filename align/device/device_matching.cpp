@@ -1,4 +1,4 @@
-#include <iclk/align/search/device_matching.h>
+#include <iclk/align/device/device_matching.h>
 
 #include <algorithm>
 

@@ -1,4 +1,4 @@
-#include <iclk/engine/internal/pipelines.h>
+#include <iclk/engine/compute/pipelines.h>
 
 #include <cmath>
 #include <string_view>

@@ -1,4 +1,4 @@
-#include <iclk/align/device/layout.h>
+#include <iclk/align/plan/layout.h>
 
 #include <algorithm>
 #include <bit>
@@ -100,6 +100,25 @@ WorkgroupSizes::WorkgroupSizes(const engine::DeviceInfo& device, const AlignerOp
   // faster for one pair of 200 features (0.5 ms for 0.8) and for 16 (0.04 ms a pair for 0.06). By the plan's features alone, so
   // that results depend neither on the pairs that a plan allows nor on how full a batch is.
   fused_elements = cpu ? std::min(16384u, 65535u * 8 * 4 / 5 / evaluations) : 4096u;
+}
+
+uint32_t shader_format(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::r8: return ICLK_FORMAT_R8;
+    case PixelFormat::bgra8: return ICLK_FORMAT_BGRA8;
+    case PixelFormat::r32f: return ICLK_FORMAT_R32F;
+    case PixelFormat::rgba32f: return ICLK_FORMAT_RGBA32F;
+    default: return ICLK_FORMAT_RGBA8;
+  }
+}
+
+VkFormat texel_format(PixelFormat format) {
+  switch (format) {
+    case PixelFormat::r8: return VK_FORMAT_R8_UNORM;
+    case PixelFormat::r32f: return VK_FORMAT_R32_SFLOAT;
+    case PixelFormat::rgba32f: return VK_FORMAT_R32G32B32A32_SFLOAT;
+    default: return VK_FORMAT_R8G8B8A8_UNORM;  // of BGRA as well, which not every device has: shaders swap
+  }
 }
 
 }  // namespace iclk::internal

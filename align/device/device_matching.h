@@ -1,5 +1,5 @@
 #pragma once
-#include <iclk/align/device/layout.h>
+#include <iclk/align/plan/layout.h>
 #include <iclk/align/device/target_masks.h>
 #include <iclk/align/search/matching.h>
 #include <iclk/engine/compute/kernel.h>

@@ -1,4 +1,4 @@
-#include <iclk/engine/internal/memory_layout.h>
+#include <iclk/engine/compute/memory_layout.h>
 
 #include <algorithm>
 #include <array>

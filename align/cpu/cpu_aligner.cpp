@@ -1,4 +1,4 @@
-#include <iclk/align/solver/cpu_aligner.h>
+#include <iclk/align/cpu/cpu_aligner.h>
 
 #include <algorithm>
 

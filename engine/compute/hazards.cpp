@@ -1,4 +1,4 @@
-#include <iclk/engine/internal/hazards.h>
+#include <iclk/engine/compute/hazards.h>
 
 namespace iclk::engine {
 namespace {

@@ -1,4 +1,4 @@
-#include <iclk/align/device/cells.h>
+#include <iclk/align/plan/cells.h>
 
 #include <algorithm>
 #include <cmath>
