@@ -1,6 +1,7 @@
 #include <iclk/align/common/input.h>
 
 #include <cmath>
+#include <cstring>
 #include <string>
 
 #include <Eigen/LU>
@@ -70,6 +71,14 @@ void check_pose(const Pair& pair, const std::string& which) {
     if (asymmetry.norm() > 1e-6 * pair.prior->information.norm() || pair.prior->information.diagonal().minCoeff() < 0)
       refuse(which + "information of the pose prior is not symmetric positive semidefinite");
   }
+}
+
+Map dense_inverse_depth(const ImageView& inverse_depth) {
+  Map map(inverse_depth.width, inverse_depth.height);
+  for (int v = 0; v < map.height; ++v) std::memcpy(&map.at(0, v), inverse_depth.row(v), sizeof(float) * map.width);
+  for (float& q : map.data)
+    if (!(std::isfinite(q) && q > 0)) q = 0;
+  return map;
 }
 
 double mean_inverse_depth(const Reference& reference, std::span<const FeatureCheck> checks, bool dense) {

@@ -2,6 +2,7 @@
 #include <string>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/pyramid.h>
 
 namespace iclk::internal {
 
@@ -12,6 +13,9 @@ void check_reference(const Reference& reference, const Plan& plan);
 void check_reference_data(const Reference& reference, const Plan& plan);  ///< camera and number of features only
 void check_pair(const Pair& pair, size_t index, const Plan& plan);
 void check_pose(const Pair& pair, const std::string& which);  ///< first guess and prior only
+
+/// Level 0 of dense mode: values that are not finite or not positive become 0.
+Map dense_inverse_depth(const ImageView& inverse_depth);
 
 /// Mean inverse depth of what takes part: usable features, or valid pixels in dense mode. 0 if there is none.
 double mean_inverse_depth(const Reference& reference, std::span<const FeatureCheck> checks, bool dense);

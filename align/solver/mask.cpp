@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstring>
 
 #include <iclk/shaders/shared.h>
 
@@ -69,14 +68,6 @@ Map half_inverse_depth(const Map& finer) {
       half.at(u, v) = valid && most <= 1.1f * least ? sum / static_cast<float>(valid) : 0.0f;
     }
   return half;
-}
-
-Map dense_inverse_depth(const ImageView& inverse_depth) {
-  Map map(inverse_depth.width, inverse_depth.height);
-  for (int v = 0; v < map.height; ++v) std::memcpy(&map.at(0, v), inverse_depth.row(v), sizeof(float) * map.width);
-  for (float& q : map.data)
-    if (!(std::isfinite(q) && q > 0)) q = 0;
-  return map;
 }
 
 }  // namespace iclk::internal

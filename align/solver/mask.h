@@ -16,7 +16,4 @@ std::vector<float> sparse_mask(const Features& features, std::span<const Feature
 /// none is valid or where they differ by more than a tenth: across an occlusion edge a mean is no surface.
 Map half_inverse_depth(const Map& finer);
 
-/// Level 0 of dense mode: values that are not finite or not positive become 0.
-Map dense_inverse_depth(const ImageView& inverse_depth);
-
 }  // namespace iclk::internal

@@ -108,7 +108,7 @@ TEST_P(LearnedStages, AgreeWithGolden) {
   const internal::WorkgroupSizes sizes(context->info(), options);
   const internal::Kernels kernels(context, plan, options, Solver::host, layout, sizes);
   internal::AlignerBuffers ids(layout, plan, Solver::host, sizes, true, 1);
-  internal::DeviceNetwork network(*context, model, layout, plan, 1, {}, ids.plan);
+  internal::DeviceNetwork network(*context, model, layout, plan, 1, ids.plan);
   const internal::DeviceMatching matching(plan, options, layout, sizes, 1, ids.plan);
   const engine::Workspace memory(context, ids.plan);
   if (!memory[ids.pixels0].mapped) GTEST_SKIP() << "device memory is not mapped here";
