@@ -85,6 +85,147 @@ std::string failure(std::span<const RigPairReport> pairs) {
   return why.str();
 }
 
+/// estimate_rig(), step by step. A step that fails says so in the result's reason.
+class Estimation {
+ public:
+  Estimation(Aligner& aligner, const Camera& camera, std::span<const RigPair> pairs, const SE3& T_rl, const RigOptions& options)
+      : aligner_(aligner), camera_(camera), pairs_(pairs), T_rl_(T_rl), options_(options), baseline_(T_rl.t.norm()) {
+    result_.T_rl = T_rl;
+    result_.scale_from_prior = !options.metric;
+    result_.pairs.resize(pairs.size());
+  }
+
+  RigResult run() {
+    if (!find_common_pose()) return result_;
+    gather();
+    if (!adjust()) return result_;
+    compare_with_calibration();
+    return result_;
+  }
+
+ private:
+  /// What the pairs say by themselves, and then from where they agreed.
+  bool find_common_pose() {
+    common_ = T_rl_;
+    for (int round = 0; round < options_.rounds; ++round) {
+      aligned_ = align_pairs(aligner_, camera_, pairs_, common_, options_.refiner, options_.search && round == 0);
+      if (!vote()) return false;
+    }
+    const auto agree = std::count_if(result_.pairs.begin(), result_.pairs.end(), [](const auto& p) { return p.used; });
+    if (static_cast<double>(agree) >= kLeastAgree * static_cast<double>(pairs_.size())) return true;
+    result_.reason = std::to_string(agree) + " of " + std::to_string(pairs_.size()) +
+                     " pairs agree on one pose, too few: are left and right images in the same order?";
+    return false;
+  }
+
+  bool vote() {
+    const Matrix6d floor = diagonal(1e-3 * baseline_, 1.7e-4);  // a thousandth of the baseline, 0.01 degrees
+    std::vector<internal::PoseVote> votes;
+    std::vector<size_t> of;
+    for (size_t i = 0; i < pairs_.size(); ++i) {
+      const RefinedAlignment& a = aligned_[i];
+      RigPairReport& report = result_.pairs[i];
+      report.T_rl = a.T_10;
+      report.covariance = a.covariance;
+      report.status = a.status;
+      report.reason = a.reason;
+      report.used = false;
+      internal::PoseVote vote;
+      if (!vote_of(a, floor, vote)) continue;
+      votes.push_back(vote);
+      of.push_back(i);
+    }
+    if (votes.empty()) {
+      result_.reason = failure(result_.pairs);
+      return false;
+    }
+    common_ = internal::common_pose(votes);
+    for (size_t k = 0; k < votes.size(); ++k) {
+      RigPairReport& report = result_.pairs[of[k]];
+      report.distance = votes[k].distance;
+      report.used = votes[k].distance <= options_.max_distance;
+    }
+    return true;
+  }
+
+  /// The sightings of the pairs that agree.
+  void gather() {
+    sightings_.resize(pairs_.size());
+    for (size_t i = 0; i < pairs_.size(); ++i) {
+      sightings_[i] = sightings_of(static_cast<int>(i), pairs_[i].features, aligned_[i], options_);
+      RigPairReport& report = result_.pairs[i];
+      report.sightings = static_cast<int>(sightings_[i].size());
+      report.used = report.used && report.sightings > 0;
+      if (!report.used) continue;
+      ++result_.pairs_used;
+      result_.found.insert(result_.found.end(), sightings_[i].begin(), sightings_[i].end());
+    }
+    result_.sightings = static_cast<int>(result_.found.size());
+  }
+
+  /// Pose and inverse depths together.
+  bool adjust() {
+    RigAdjustOptions options = options_.adjust;
+    options.baseline = baseline_;
+    options.baseline_sigma = options_.metric ? 0 : options_.baseline_sigma * baseline_;
+    const RigAdjustment joint = adjust_rig(camera_, camera_, result_.found, common_, options);
+    result_.inliers = joint.inliers;
+    result_.sigma = joint.sigma;
+    result_.inflation = joint.inflation;
+    if (!credible(joint)) return false;
+    result_.usable = true;
+    result_.T_rl = joint.T_rl;
+    result_.covariance = joint.covariance;
+    for (size_t i = 0; i < result_.found.size(); ++i) result_.found[i].inverse_depth = joint.inverse_depth[i];
+    return true;
+  }
+
+  bool credible(const RigAdjustment& joint) {
+    std::ostringstream why;
+    const double found = joint.T_rl.t.norm();
+    if (!joint.usable || 2 * joint.inliers < joint.used) {
+      why << joint.inliers << " of " << joint.used << " features of " << result_.pairs_used << " pairs agree on one pose";
+      if (2 * joint.inliers >= joint.used) why << ", which they do not determine";
+    } else if (options_.metric && !(found > baseline_ / kMostStretch && found < kMostStretch * baseline_)) {
+      why << "the images say a baseline of " << found << " m, the calibration " << baseline_
+          << " m: are left and right of two cameras, and depths and calibration in metres?";
+    }
+    result_.reason = why.str();
+    return result_.reason.empty();
+  }
+
+  void compare_with_calibration() {
+    result_.epipolar_before = epipolar(camera_, result_.found, T_rl_);
+    result_.epipolar_after = epipolar(camera_, result_.found, result_.T_rl);
+    for (size_t i = 0; i < pairs_.size(); ++i) {
+      result_.pairs[i].epipolar_before = epipolar(camera_, sightings_[i], T_rl_);
+      result_.pairs[i].epipolar_after = epipolar(camera_, sightings_[i], result_.T_rl);
+    }
+    const Vector6d moved = (T_rl_.inverse() * result_.T_rl).log();
+    const Matrix6d C =
+        result_.covariance + diagonal(options_.calibration_translation * baseline_, options_.calibration_rotation);
+    result_.chi_square = moved.dot(C.ldlt().solve(moved));
+    result_.threshold = chi_square_quantile(6, options_.false_alarm);
+    result_.moved = result_.chi_square > result_.threshold;
+    std::ostringstream words;
+    words << result_.inliers << " of " << result_.sightings << " features of " << result_.pairs_used << " of " << pairs_.size()
+          << " pairs agree within " << options_.adjust.inlier_distance << " px";
+    if (result_.scale_from_prior) words << "; scale from prior";
+    result_.reason = words.str();
+  }
+
+  Aligner& aligner_;
+  const Camera& camera_;
+  std::span<const RigPair> pairs_;
+  const SE3& T_rl_;
+  const RigOptions& options_;
+  double baseline_;
+  SE3 common_;
+  std::vector<RefinedAlignment> aligned_;
+  std::vector<std::vector<RigSighting>> sightings_;
+  RigResult result_;
+};
+
 }  // namespace
 
 void RigOptions::check() const {
@@ -160,103 +301,7 @@ RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const R
   const double baseline = T_rl.t.norm();
   if (!T_rl.R.allFinite() || !(baseline > 0) || !std::isfinite(baseline))
     throw Error(ErrorCode::invalid_argument, "rig: T_rl of the old calibration is not finite or has no baseline");
-
-  RigResult result;
-  result.T_rl = T_rl;
-  result.scale_from_prior = !options.metric;
-  result.pairs.resize(pairs.size());
-  // 0.01 degrees and a thousandth of the baseline.
-  const Matrix6d floor = diagonal(1e-3 * baseline, 1.7e-4);
-  SE3 common = T_rl;
-  std::vector<RefinedAlignment> aligned;
-  for (int round = 0; round < options.rounds; ++round) {
-    aligned = align_pairs(aligner, camera, pairs, common, options.refiner, options.search && round == 0);
-    std::vector<internal::PoseVote> votes;
-    std::vector<size_t> of;
-    for (size_t i = 0; i < pairs.size(); ++i) {
-      RigPairReport& report = result.pairs[i];
-      report.T_rl = aligned[i].T_10;
-      report.covariance = aligned[i].covariance;
-      report.status = aligned[i].status;
-      report.reason = aligned[i].reason;
-      report.used = false;
-      internal::PoseVote vote;
-      if (!vote_of(aligned[i], floor, vote)) continue;
-      votes.push_back(vote);
-      of.push_back(i);
-    }
-    if (votes.empty()) {
-      result.reason = failure(result.pairs);
-      return result;
-    }
-    common = internal::common_pose(votes);
-    for (size_t k = 0; k < votes.size(); ++k) {
-      RigPairReport& report = result.pairs[of[k]];
-      report.distance = votes[k].distance;
-      report.used = votes[k].distance <= options.max_distance;
-    }
-  }
-
-  const auto agree = std::count_if(result.pairs.begin(), result.pairs.end(), [](const auto& p) { return p.used; });
-  if (static_cast<double>(agree) < kLeastAgree * static_cast<double>(pairs.size())) {
-    result.reason = std::to_string(agree) + " of " + std::to_string(pairs.size()) +
-                    " pairs agree on one pose, too few: are left and right images in the same order?";
-    return result;
-  }
-  std::vector<std::vector<RigSighting>> by_pair(pairs.size());
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    by_pair[i] = sightings_of(static_cast<int>(i), pairs[i].features, aligned[i], options);
-    RigPairReport& report = result.pairs[i];
-    report.sightings = static_cast<int>(by_pair[i].size());
-    report.used = report.used && report.sightings > 0;
-    if (!report.used) continue;
-    ++result.pairs_used;
-    result.found.insert(result.found.end(), by_pair[i].begin(), by_pair[i].end());
-  }
-  result.sightings = static_cast<int>(result.found.size());
-  RigAdjustOptions adjust = options.adjust;
-  adjust.baseline = baseline;
-  adjust.baseline_sigma = options.metric ? 0 : options.baseline_sigma * baseline;
-  const RigAdjustment joint = adjust_rig(camera, camera, result.found, common, adjust);
-  result.inliers = joint.inliers;
-  result.sigma = joint.sigma;
-  result.inflation = joint.inflation;
-  if (!joint.usable || 2 * joint.inliers < joint.used) {
-    std::ostringstream why;
-    why << joint.inliers << " of " << joint.used << " features of " << result.pairs_used << " pairs agree on one pose";
-    if (2 * joint.inliers >= joint.used) why << ", which they do not determine";
-    result.reason = why.str();
-    return result;
-  }
-  const double found = joint.T_rl.t.norm();
-  if (options.metric && !(found > baseline / kMostStretch && found < kMostStretch * baseline)) {
-    std::ostringstream why;
-    why << "the images say a baseline of " << found << " m, the calibration " << baseline
-        << " m: are left and right of two cameras, and depths and calibration in metres?";
-    result.reason = why.str();
-    return result;
-  }
-  result.usable = true;
-  result.T_rl = joint.T_rl;
-  result.covariance = joint.covariance;
-  for (size_t i = 0; i < result.found.size(); ++i) result.found[i].inverse_depth = joint.inverse_depth[i];
-  result.epipolar_before = epipolar(camera, result.found, T_rl);
-  result.epipolar_after = epipolar(camera, result.found, result.T_rl);
-  for (size_t i = 0; i < pairs.size(); ++i) {
-    result.pairs[i].epipolar_before = epipolar(camera, by_pair[i], T_rl);
-    result.pairs[i].epipolar_after = epipolar(camera, by_pair[i], result.T_rl);
-  }
-  const Vector6d moved = (T_rl.inverse() * result.T_rl).log();
-  const Matrix6d C = result.covariance + diagonal(options.calibration_translation * baseline, options.calibration_rotation);
-  result.chi_square = moved.dot(C.ldlt().solve(moved));
-  result.threshold = chi_square_quantile(6, options.false_alarm);
-  result.moved = result.chi_square > result.threshold;
-  std::ostringstream words;
-  words << result.inliers << " of " << result.sightings << " features of " << result.pairs_used << " of " << pairs.size()
-        << " pairs agree within " << options.adjust.inlier_distance << " px";
-  if (result.scale_from_prior) words << "; scale from prior";
-  result.reason = words.str();
-  return result;
+  return Estimation(aligner, camera, pairs, T_rl, options).run();
 }
 
 }  // namespace iclk

@@ -5,6 +5,7 @@
 #include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device_aligner.h>
+#include <iclk/align/device_recording.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/internal/feature_aligner.h>
 #include <iclk/refine/refiner.h>
