@@ -237,6 +237,20 @@ TEST_F(Command, BadInputHasItsCodeAndNamesTheFile) {
   expect(run(align({"--features", folder.write("f.csv", "u,v,depth\n1,2,3\n4,x,6\n")})), kBadInput, "f.csv:3");
 }
 
+TEST_F(Command, WrongSettingsAreWrongUsageAndTheLastOneCounts) {
+  for (const auto& [word, said] : {std::pair{"level=3", "refine-rounds"}, std::pair{"levels", "NAME=VALUE"},
+                                   std::pair{"levels=3.5", "a whole number"}, std::pair{"levels=", "a whole number"},
+                                   std::pair{"levels=1e30", "a whole number"}, std::pair{"refine=true", "yes or no"},
+                                   std::pair{"carry=nan", "a number"}, std::pair{"robust=l1", "tukey"}}) {
+    const Finished f = run(align({"--set", word}));
+    EXPECT_EQ(f.code, kUsage) << word;
+    EXPECT_NE(f.err.find(word), std::string::npos) << f.err;
+    EXPECT_NE(f.err.find(said), std::string::npos) << f.err;
+  }
+  const Finished last = run(align({"--json", "--set", "levels=99", "--set", "levels=2", "--set", "refine=no"}));
+  EXPECT_EQ(nlohmann::json::parse(last.out)["levels"].size(), 2u) << last.err;
+}
+
 TEST_F(Command, EveryVerdictHasItsExitCode) {
   const Folder folder;
   const Finished few = run(align({"--features", folder.write("f.csv", "u,v,depth\n100,100,2\n"), "--json"}));

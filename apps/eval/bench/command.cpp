@@ -83,7 +83,9 @@ void add_bench(CLI::App& app, int& exit) {
       ->type_name("FILE");
   command->add_flag("--layers", options->layers, "Every layer of --model's encoder in every variant of its convolution");
   options->session.model = "classical";
-  command->add_option("--model", options->session.model, "A learned model, file or name (`iclk model info`), or classical")
+  command
+      ->add_option("--model", options->session.model,
+                   "A learned model, file or name (`iclk model info`), or classical, what other methods are compared with")
       ->capture_default_str()
       ->check(not_empty)
       ->type_name("FILE|classical");

@@ -174,8 +174,12 @@ void add_track(CLI::App& app, int& exit, TrackPeers peers) {
       ->add_option("--readout", options->readout,
                    "Rolling shutter: ms from an image's first row to its last; 0: all at once; auto: found by the first frames")
       ->capture_default_str();
-  command->add_option("--model", run.model, "classical, the name of a model, or a file")->capture_default_str();
-  command->add_option("--solver", options->solver, "device, host or cpu")->capture_default_str();
+  command
+      ->add_option("--model", run.model,
+                   "classical, or a learned model (name or file), which takes several times as long a frame")
+      ->capture_default_str();
+  command->add_option("--solver", options->solver, "device, host or cpu; device: a frame needs the host once")
+      ->capture_default_str();
   command->add_option("--device", run.device,
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->option_defaults()->group("Output");

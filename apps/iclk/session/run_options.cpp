@@ -32,26 +32,19 @@ void RunOptions::add_to(CLI::App& command) {
 
 void RunOptions::add_to(Settings& settings) {
   RefinerOptions& refiner = chosen.refiner;
-  settings.add("levels", chosen.levels, "1 to 12", "4, or the model's",
-               "pyramid levels; each doubles the motion that ICLK finds without a search");
-  settings.add("iterations", chosen.iterations, "1 to 1000", "10, or the model's", "of ICLK a level, at most");
-  settings.add("carry", chosen.carry, "0 to 1", "0, or the model's",
-               "share of what a level says of the pose that the next keeps as a prior");
+  settings.add("levels", chosen.levels, "1 to 12", "4, or the model's", "pyramid levels, each of twice the motion");
+  settings.add("iterations", chosen.iterations, "1 to 1000", "10, or the model's", "ICLK's of a level, at most");
+  settings.add("carry", chosen.carry, "0 to 1", "0, or the model's", "share of a level's pose that is the next one's prior");
   settings.add("robust", chosen.robust, "unit|huber|tukey|cauchy", "huber, with a model unit", "weights of the residuals");
-  settings.add("damping", chosen.damping, "fixed|adaptive", "fixed", "adaptive takes back a step that raises the cost");
-  settings.add("search", chosen.search, "auto|on|off", "auto",
-               "where the pose begins: on matches the features in the whole target, off takes the first guess, auto searches "
-               "pairs without one");
+  settings.add("damping", chosen.damping, "fixed|adaptive", "fixed", "adaptive: a step that raises the cost is taken back");
+  settings.add("search", chosen.search, "auto|on|off", "auto", "match the features first; auto: where there is no first guess");
   settings.add("photometric", chosen.photometric, "yes|no", "yes, with a model no", "estimate the pair's gain and bias");
   settings.add("dense", chosen.dense, "yes|no", "no", "align every pixel with depth, not patches");
   settings.add("refine", chosen.refine, "yes|no", "yes", "no: stop after ICLK");
   settings.add("refine-rounds", refiner.rounds, "1 to 100", "3", "of feature alignment and pose, at most");
-  settings.add("recolour", refiner.feature_alignment.recolour, "yes|no", "yes",
-               "refine a target of other colours in the grey values that fit the reference");
-  settings.add("rolling-shutter", refiner.rolling_shutter, "yes|no", "yes",
-               "look for a bend between the images; no: both cameras read all rows at once");
-  settings.add("camera-sigma", refiner.pose.camera_sigma, "PX|auto", "auto",
-               "how wrong focal length and principal point are, for the covariance; 0 for a renderer's");
+  settings.add("recolour", refiner.feature_alignment.recolour, "yes|no", "yes", "see other colours in grey values that fit");
+  settings.add("rolling-shutter", refiner.rolling_shutter, "yes|no", "yes", "take out what bends one image against the other");
+  settings.add("camera-sigma", refiner.pose.camera_sigma, "PX|auto", "auto", "how wrong focal length and principal point are");
   settings.add("structure", refiner.structure, "yes|no", "no", "refine the inverse depths with the pose at the end");
 }
 
@@ -93,11 +86,9 @@ void LoadOptions::add_to(CLI::App& command, bool camera_required) {
 }
 
 void LoadOptions::add_to(Settings& settings) {
-  settings.add("detector", features.detector, "shi-tomasi|grid|random", "shi-tomasi",
-               "how features are chosen: corners spread over the image, a grid, or at random as in the paper");
+  settings.add("detector", features.detector, "shi-tomasi|grid|random", "shi-tomasi", "how features are chosen");
   settings.add("seed", features.seed, "0 to 2^53", "0", "of the random detector");
-  settings.add("max-pixels", max_pixels, "1 to 2^53", std::to_string(kMaxPixels),
-               "a larger image is refused by its header, before its pixels take memory");
+  settings.add("max-pixels", max_pixels, "1 to 2^53", std::to_string(kMaxPixels), "larger images are refused by their headers");
 }
 
 InputOptions LoadOptions::input() const {
