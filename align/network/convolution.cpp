@@ -88,7 +88,7 @@ bool can_fuse(const ConvStep& step, const engine::Context& context) {
 bool has_kernel(const ConvStep& step, const engine::Context& context) {
   switch (step.variant) {
     case ConvVariant::direct: return true;
-    case ConvVariant::winograd4: return can_fuse(step, context);
+    case ConvVariant::winograd4: return can_fuse(step, context) && !context.storage_reads();
     case ConvVariant::winograd4x1: return can_shuffle(context.info());
   }
   return false;

@@ -15,8 +15,7 @@ bool can_reduce(const ConvStep& step);
 /// The device is a CPU with shuffles (see can_shuffle()), the step's variant has a kernel for such, and its limits are kept.
 bool can_fuse(const ConvStep& step, const engine::Context& context);
 
-/// The device has a kernel for the step's variant: `winograd4` only where it can be fused, `winograd4x1` with shuffles,
-/// `cooperative` with matrices.
+/// The device has a kernel for the step's variant: `winograd4` only where it can be fused, `winograd4x1` with shuffles.
 bool has_kernel(const ConvStep& step, const engine::Context& context);
 
 /// What a reduced step leaves for the map: sums over eight channels each, a vec4 for 2x2 pixels. All in vec4.

@@ -40,7 +40,6 @@ Encoder::Encoder(const engine::Context& context, std::shared_ptr<const Model> mo
       const ConvShape shape{
           layer.in, layer.out, layer.dilation, static_cast<int>(step.in.width), static_cast<int>(step.in.height), last};
       step.variant = variant.value_or(choose_variant(shape, context.info().type));
-      // The others read storage texel buffers.
       if (context.storage_reads() || !has_kernel(step, context)) step.variant = ConvVariant::direct;
       if (last && l + 1 < tensors.size()) step.half = tensors[l + 1].front();
       step.fused = can_fuse(step, context);

@@ -10,7 +10,6 @@
 
 #include <iclk/align/network/feature_maps.h>
 #include <iclk/align/network/tiling.h>
-#include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 
 namespace iclk::internal {
@@ -48,27 +47,17 @@ MapPlace place_of(const ConvStep& step) {
   return {0, pitch, pitch * height, 0, 0, width, height};
 }
 
-// Those of a variant are made apart from the others', as a device may not have what they need; all have what `direct` does.
 struct Kernels {
   Kernels(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes) : maps(context) {
     for (ConvVariant variant : kConvVariants) {
       std::vector<ConvStep> steps;
-      for (const ConvShape& shape : shapes) {
-        const ConvStep step = step_of(shape, variant, *context);
-        if (has_kernel(step, *context)) steps.push_back(step);
-      }
-      if (steps.empty()) continue;
-      try {
-        convolutions.try_emplace(variant, context, std::span<const ConvStep>(steps));
-      } catch (const Error& error) {
-        if (variant == ConvVariant::direct || error.code() == ErrorCode::device_lost) throw;
-        dropped.push_back({variant, error.what()});
-      }
+      for (const ConvShape& shape : shapes)
+        if (const ConvStep step = step_of(shape, variant, *context); has_kernel(step, *context)) steps.push_back(step);
+      if (!steps.empty()) convolutions.try_emplace(variant, context, std::span<const ConvStep>(steps));
     }
   }
   FeatureMaps maps;
   std::map<ConvVariant, ConvKernels> convolutions;
-  std::vector<LayerTimes::Dropped> dropped;
 };
 
 // What all variants of a layer read and write.
@@ -167,7 +156,7 @@ LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, con
   // They take turns, so that what else the machine does for a while falls on all of them.
   for (int run = 0; run < repetitions; ++run)
     for (auto& [variant, trial] : trials) seconds[variant].push_back(trial.run());
-  LayerTimes times{shape, {}, kernels.dropped};
+  LayerTimes times{shape, {}};
   for (auto& [variant, all] : seconds) {
     std::sort(all.begin(), all.end());
     times.ways.push_back({variant, all[all.size() / 2], all.front()});

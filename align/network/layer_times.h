@@ -1,7 +1,6 @@
 #pragma once
 #include <functional>
 #include <memory>
-#include <string>
 #include <vector>
 
 #include <iclk/align/model.h>
@@ -21,18 +20,13 @@ struct LayerTimes {
     ConvVariant variant;
     double median, least;
   };
-  struct Dropped {
-    ConvVariant variant;
-    std::string why;
-  };
   ConvShape shape;
-  std::vector<Way> ways;         ///< every variant that the device has a kernel for; `direct` is one
-  std::vector<Dropped> dropped;  ///< the others, which are the same of every layer
+  std::vector<Way> ways;  ///< every variant that the device has a kernel for; `direct` is one
 
   const Way& fastest() const;                 ///< by its least time
-  const Way* way(ConvVariant variant) const;  ///< null where it was dropped
+  const Way* way(ConvVariant variant) const;  ///< null where there is no kernel
 };
-/// Measures layers on the device, every variant `repetitions` times in turns. One whose kernels cannot be built is dropped.
+/// Measures layers on the device, every variant that it has a kernel for `repetitions` times in turns.
 /// Memory: input and output of one layer, transformed tiles of every variant. `progress` is called before each layer with its
 /// number and how many there are. Throws what the device throws. Precondition: repetitions > 0.
 std::vector<LayerTimes> time_layers(const std::shared_ptr<const engine::Context>& context, const std::vector<ConvShape>& shapes,

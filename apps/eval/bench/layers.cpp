@@ -86,8 +86,7 @@ std::string to_table(const LayerReport& report) {
   }
   out += formatted("\nthe fastest of each: %.2f ms, %.1f GFLOP/s%s\n", 1e3 * sum, work / sum,
                    report.clock == "processor" ? " a core" : "");
-  for (const auto& [variant, why] : report.layers.front().dropped)
-    out += formatted("-: %s does not run here: %s\n", name(variant), why.c_str());
+  if (out.find("  -") != std::string::npos) out += "-: this device has no kernel for it\n";
   out += "*: the last layer of a level, with its feature map and the means for the next level\n";
   return out;
 }
