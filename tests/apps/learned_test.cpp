@@ -212,7 +212,7 @@ TEST_F(Learned, BenchMeasuresEveryStage) {
       stages.insert(stage["stage"].get<std::string>());
       EXPECT_GT(stage["ms_per_pair"], 0) << stage;
     }
-    for (const char* stage : {"encode", "mask", "m_estimator", "search", "iterate", "feature_alignment", "pose"})
+    for (const char* stage : {"encode", "mask", "m_estimator", "match", "iterate", "feature_alignment", "pose"})
       EXPECT_TRUE(stages.contains(stage)) << stage;
     EXPECT_GT(profile["encoder"]["gflops"], 0);
   }
