@@ -149,10 +149,10 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
   }
   // Other options are another run.
   std::vector<std::string> other = command(killed);
-  other.insert(other.end(), {"--window", "5"});
+  other.insert(other.end(), {"--set", "window=5"});
   const Finished refused = run(other);
   EXPECT_EQ(refused.code, 3);
-  EXPECT_NE(refused.err.find("begun with --window '8', now it is '5'"), std::string::npos) << refused.err;
+  EXPECT_NE(refused.err.find("begun with --set window '8', now it is '5'"), std::string::npos) << refused.err;
   EXPECT_NE(refused.err.find("--fresh"), std::string::npos) << refused.err;
   // A broken state is said, and nothing is lost.
   const std::string bytes = bytes_of(state), lines = bytes_of(killed + "/frames.jsonl");
@@ -317,7 +317,7 @@ TEST(Track, BadInputIsSaid) {
   EXPECT_NE(gone.out.find("unreadable 1, the first: "), std::string::npos) << gone.out;
   EXPECT_NE(gone.out.find("gone.png"), std::string::npos) << gone.out;
   EXPECT_NE(gone.out.find("depth      1 frames"), std::string::npos) << gone.out;
-  EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--window", "0"}).code, 3);
+  EXPECT_EQ(run({"track", one, "--camera", "80,80,39.5,29.5", "--depth-scale", "5000", "--set", "window=0"}).code, 3);
 }
 
 }  // namespace

@@ -47,15 +47,15 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--depth-along-ray", f.depth_along_ray},
           {"--depth-sigma", {d.constant, d.disparity, d.relative}},
           {"--depth-every", f.depth_every},
-          {"--depth-holes", f.depth_holes},
+          {"--set depth-holes", f.depth_holes},
           {"--mask", absolute(f.mask)},
           {"--model", options.model},
           {"--solver", kSolvers.at(static_cast<size_t>(options.solver))},
           {"--count", tracker.features},
           {"--seeds", tracker.seeds},
-          {"--keyframes", tracker.keyframes},
-          {"--window", tracker.window},
-          {"--min-visible", tracker.min_visible},
+          {"--set keyframes", tracker.keyframes},
+          {"--set window", tracker.window},
+          {"--set min-visible", tracker.min_visible},
           {"--readout", tracker.readout}};
 }
 
