@@ -114,7 +114,8 @@ void add_stereo(CLI::App& app, int& exit) {
   command->add_option("--batch", run_options.batch, "Pairs on the device at a time")
       ->capture_default_str()
       ->check(CLI::Range(1, 1000));
-  command->add_option("--solver", options->solver, "device, host or cpu")->capture_default_str();
+  command->add_option("--solver", options->solver, "device, host or cpu; device: a batch needs the host once")
+      ->capture_default_str();
   command->add_option("--device", run_options.device,
                       "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   command->option_defaults()->group("Output");
