@@ -74,12 +74,7 @@ std::string is_shard(const std::string& text) {
   }
 }
 
-}  // namespace
-
-void add_render(CLI::App& app, int& exit) {
-  CLI::App* sub =
-      app.add_subcommand("render", "Render views, pairs with truth, rigs and flights over an orthomosaic on its elevation");
-  auto o = std::make_shared<RenderCommand>();
+void add_terrain(CLI::App* sub, RenderCommand* o) {
   sub->add_option("--ortho", o->ortho, "Orthomosaic: GeoTIFF, 8 bit, grey or RGB, in metres")
       ->type_name("FILE")
       ->check(not_empty);
@@ -90,6 +85,9 @@ void add_render(CLI::App& app, int& exit) {
                   "procedural:SEED[:METRES], a landscape made in code, 1024 m a side, instead of files")
       ->check(not_empty);
   sub->add_option("--out", o->out, "Folder of the view or the set")->required()->type_name("DIR")->check(not_empty);
+}
+
+void add_what(CLI::App* sub, RenderCommand* o) {
   auto* what = sub->add_option_group("what to render");
   what->add_option("--pose", o->pose, "One view from T_WC: TUM line 'tx ty tz qx qy qz qw', 4x4 matrix, or a file with one")
       ->check(not_empty);
@@ -111,6 +109,9 @@ void add_render(CLI::App& app, int& exit) {
                   "k/n: only every n-th pair or frame, beginning with the k-th, 0 <= k < n; at a time each needs its own --out")
       ->capture_default_str()
       ->check(is_shard);
+}
+
+void add_cameras(CLI::App* sub, RenderCommand* o) {
   sub->add_option("--size", o->size, "Of the images, WIDTHxHEIGHT; default: the camera file's, else 752x480")->check(not_empty);
   auto* camera = sub->add_option("--camera", o->camera,
                                  "fx,fy,cx,cy[,width,height] or a camera file as `iclk align` reads it, with its lens; "
@@ -128,43 +129,61 @@ void add_render(CLI::App& app, int& exit) {
   sub->add_option("--shock", o->shock,
                   "DEGREES,METRES: the right camera is turned and moved by so much, in a direction of --seed")
       ->needs(rig)
-      ->excludes(trajectory)
+      ->excludes(sub->get_option("--trajectory"))
       ->check(not_empty);
+}
+
+void add_poses(CLI::App* sub, RenderCommand* o) {
   sub->add_option("--altitude", o->altitude, "MIN,MAX m above the ground below camera 0")
       ->capture_default_str()
       ->check(not_empty);
   sub->add_option("--tilt", o->tilt, "Degrees from straight down, at most; default 15, on an orbit 50");
   auto* translation = sub->add_option("--translation", o->translation, "m; each component of camera 1's motion is at most this")
                           ->capture_default_str();
-  auto* rotation = sub->add_option("--rotation", o->rotation, "Degrees; each component of its rotation vector is at most this")
-                       ->capture_default_str();
-  auto* orbit = sub->add_option("--orbit", o->orbit,
-                                "MIN,MAX degrees between the azimuths from which both cameras look at one point on the ground")
-                    ->excludes(translation)
-                    ->check(not_empty);
-  auto* start =
-      sub->add_option("--start", o->start, "MIN,MAX px; pairs whose views differ by less or more, in the mean, are drawn again")
-          ->check(not_empty);
+  sub->add_option("--rotation", o->rotation, "Degrees; each component of its rotation vector is at most this")
+      ->capture_default_str();
+  sub->add_option("--orbit", o->orbit,
+                  "MIN,MAX degrees between the azimuths from which both cameras look at one point on the ground")
+      ->excludes(translation)
+      ->check(not_empty);
+  sub->add_option("--start", o->start, "MIN,MAX px; pairs whose views differ by less or more, in the mean, are drawn again")
+      ->check(not_empty);
+}
+
+void add_features(CLI::App* sub, RenderCommand* o) {
   sub->add_option("--region", o->region,
                   "x0,y0,x1,y1: part of the map that views may see, fractions from the south-west corner")
       ->capture_default_str()
       ->check(not_empty);
   sub->add_option("--seed", o->pair.seed, "Of poses and features")->capture_default_str();
-  auto* count = sub->add_option("--count", o->features.count, "Features of camera 0")->capture_default_str();
-  auto* border =
-      sub->add_option("--border", o->features.border, "Pixels from the image's border to a feature; default 2 P + 1, P = 8")
-          ->capture_default_str();
-  auto* detector =
-      sub->add_option("--detector", o->detector, "How features are chosen: random (as in the paper), shi-tomasi, grid")
-          ->capture_default_str()
-          ->check(CLI::IsMember({"shi-tomasi", "grid", "random"}));
-  auto* target = sub->add_flag("--target-depth", o->target_depth, "Write camera 1's depth too, for `iclk eval`'s RgbdOdometry");
+  sub->add_option("--count", o->features.count, "Features of camera 0")->capture_default_str();
+  sub->add_option("--border", o->features.border, "Pixels from the image's border to a feature; default 2 P + 1, P = 8")
+      ->capture_default_str();
+  sub->add_option("--detector", o->detector, "How features are chosen: random (as in the paper), shi-tomasi, grid")
+      ->capture_default_str()
+      ->check(CLI::IsMember({"shi-tomasi", "grid", "random"}));
+  sub->add_flag("--target-depth", o->target_depth, "Write camera 1's depth too, for `iclk eval`'s RgbdOdometry");
   sub->add_option("--samples", o->render.samples, "Rays a pixel and side, 1 to 8: 2 means four rays")->capture_default_str();
   sub->add_option("--anisotropy", o->render.max_anisotropy, "Looks into the mosaic a ray, at most, 1 to 64")
       ->capture_default_str();
   sub->add_option("--device", o->device, "Index, part of a name or UUID; default ICLK_DEVICE, else the best");
+}
+
+}  // namespace
+
+void add_render(CLI::App& app, int& exit) {
+  CLI::App* sub =
+      app.add_subcommand("render", "Render views, pairs with truth, rigs and flights over an orthomosaic on its elevation");
+  auto o = std::make_shared<RenderCommand>();
+  add_terrain(sub, o.get());
+  add_what(sub, o.get());
+  add_cameras(sub, o.get());
+  add_poses(sub, o.get());
+  add_features(sub, o.get());
   // The second camera of a rig is where the rig has it, and pairs of a rig carry no features.
-  for (CLI::Option* option : {translation, rotation, orbit, start, count, border, detector, target}) rig->excludes(option);
+  for (const char* option :
+       {"--translation", "--rotation", "--orbit", "--start", "--count", "--border", "--detector", "--target-depth"})
+    sub->get_option("--rig")->excludes(sub->get_option(option));
   sub->footer(kRenderFooter + exit_codes_help("0 done"));
   sub->callback([o, &exit] {
     run_render(*o);
