@@ -59,24 +59,32 @@ nlohmann::ordered_json to_json(const DepthFigures& f) {
           {"known", f.known}};
 }
 
-void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
-  if (command.peers && !peers) throw NeedsProgram{"peers"};
-  command.options.check();
-  if (!command.out.empty()) make_output_folder(command.out);
-  const DepthInput input = load_depth_input(command.files);
-  cv::Mat truth;
-  if (!command.truth.empty()) {
-    truth = load_depth(command.truth, command.truth_scale);
-    if (truth.size() != input.reference.size())
-      throw Error(ErrorCode::invalid_argument, command.truth + ": not of the reference's size");
-  }
+/// Empty where none is given.
+cv::Mat load_truth(const DepthCommand& command, const DepthInput& input) {
+  if (command.truth.empty()) return {};
+  const cv::Mat truth = load_depth(command.truth, command.truth_scale);
+  if (truth.size() != input.reference.size())
+    throw Error(ErrorCode::invalid_argument, command.truth + ": not of the reference's size");
+  return truth;
+}
+
+DepthPlan plan_of(const DepthCommand& command, const DepthInput& input) {
   DepthPlan plan{input.camera.width, input.camera.height, command.planes, static_cast<int>(input.targets.size())};
   if (!(command.memory >= 0 && command.memory < 1e9))
     throw Error(ErrorCode::invalid_argument, fmt::format("--memory {}: must be megabytes, 0 or more", command.memory));
   plan.most_bytes = static_cast<uint64_t>(1e6 * command.memory);
   if (plan.planes == 0) plan.planes = planes_for(input.camera, input.cameras, input.T_10, input.range);
   plan.check();
+  return plan;
+}
 
+void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
+  if (command.peers && !peers) throw NeedsProgram{"peers"};
+  command.options.check();
+  if (!command.out.empty()) make_output_folder(command.out);
+  const DepthInput input = load_depth_input(command.files);
+  const cv::Mat truth = load_truth(command, input);
+  const DepthPlan plan = plan_of(command, input);
   const auto context = open_device(command.device);
   if (context->cpu_unasked()) spdlog::warn("no GPU with Vulkan here: running on {}", context->info().name);
   DepthOptions options = command.options;
@@ -140,31 +148,7 @@ void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
   exit = exit_code(map.status);
 }
 
-void add_settings(DepthOptions& sweep, Settings& settings) {
-  settings.add("p1", sweep.p1, "COST", "7", "penalty where neighbours differ by a plane");
-  settings.add("p2", sweep.p2, "COST", "60", "penalty where they differ by more");
-  settings.add("edge", sweep.edge, "0 to 255", "3", "loss of p2 a grey level of difference");
-  settings.add("uniqueness", sweep.uniqueness, "0 to 1", "0.01", "share by which the second best plane must be worse");
-  settings.add("tolerance", sweep.tolerance, "PLANES", "3", "by which views may disagree");
-  settings.add("iterations", sweep.iterations, "0 to 20", "3", "of the refinement between planes");
-  settings.add("speckle", sweep.speckle, "PIXELS", "100", "islands of fewer are dropped");
-}
-
-}  // namespace
-
-void add_depth(CLI::App& app, int& exit) { add_depth(app, exit, nullptr); }
-
-void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
-  CLI::App* command = app.add_subcommand("depth", "A dense depth map of an image from others whose poses are known");
-  auto options = std::make_shared<DepthCommand>();
-  DepthFiles& files = options->files;
-  DepthOptions& sweep = options->options;
-  command->add_option("REF", files.reference, "Image whose depth is wanted")->required()->check(not_empty)->type_name("FILE");
-  command->add_option("TARGET", files.targets, "Images that see the same, 1 to 8")
-      ->required()
-      ->expected(1, 8)
-      ->check(not_empty)
-      ->type_name("FILE");
+void add_input(CLI::App* command, DepthFiles& files) {
   command->option_defaults()->group("Input");
   command->add_option("--camera", files.camera, "fx,fy,cx,cy[,width,height] or a file, as of align")
       ->required()
@@ -197,6 +181,34 @@ void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
   command->add_option("--depth-range", files.range, "Where to look, metres; default: as the sparse depths, with a margin")
       ->check(not_empty)
       ->type_name("NEAR,FAR");
+}
+
+void add_settings(DepthOptions& sweep, Settings& settings) {
+  settings.add("p1", sweep.p1, "COST", "7", "penalty where neighbours differ by a plane");
+  settings.add("p2", sweep.p2, "COST", "60", "penalty where they differ by more");
+  settings.add("edge", sweep.edge, "0 to 255", "3", "loss of p2 a grey level of difference");
+  settings.add("uniqueness", sweep.uniqueness, "0 to 1", "0.01", "share by which the second best plane must be worse");
+  settings.add("tolerance", sweep.tolerance, "PLANES", "3", "by which views may disagree");
+  settings.add("iterations", sweep.iterations, "0 to 20", "3", "of the refinement between planes");
+  settings.add("speckle", sweep.speckle, "PIXELS", "100", "islands of fewer are dropped");
+}
+
+}  // namespace
+
+void add_depth(CLI::App& app, int& exit) { add_depth(app, exit, nullptr); }
+
+void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
+  CLI::App* command = app.add_subcommand("depth", "A dense depth map of an image from others whose poses are known");
+  auto options = std::make_shared<DepthCommand>();
+  DepthFiles& files = options->files;
+  DepthOptions& sweep = options->options;
+  command->add_option("REF", files.reference, "Image whose depth is wanted")->required()->check(not_empty)->type_name("FILE");
+  command->add_option("TARGET", files.targets, "Images that see the same, 1 to 8")
+      ->required()
+      ->expected(1, 8)
+      ->check(not_empty)
+      ->type_name("FILE");
+  add_input(command, files);
   command->option_defaults()->group("Matching");
   command
       ->add_option("--planes", options->planes,
@@ -212,6 +224,8 @@ void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
                     "Keep pixels that lie outside every target, as their neighbours suggest, with confidence 0");
   command->add_flag("--fill", options->fill,
                     "Give pixels without an answer the depth of what lies behind around them; the peers too");
+  add_settings(sweep, options->settings);
+  options->settings.add_to(*command);
   command->option_defaults()->group("Output");
   command->add_option("--out", options->out, "Folder for what is written")->type_name("DIR")->check(not_empty);
   command->add_option("--truth", options->truth, "True depth of REF: the errors are told")->check(not_empty)->type_name("FILE");
@@ -219,8 +233,6 @@ void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
   command->add_flag("--peers", options->peers, "Run OpenCV's stereo methods on the same pair, rectified");
   command->add_flag("--json", options->json, "The summary as JSON on standard output, and nothing else there");
   command->add_flag("--profile", options->profile, "Print where the device's time went, on standard error");
-  add_settings(sweep, options->settings);
-  options->settings.add_to(*command);
   command->footer(options->settings.help() + kDepthFooter +
                   exit_codes_help("0 converged, 11 low_overlap, 12 degenerate, 14 diverged"));
   command->callback([options, peers, &exit] { run_depth(*options, peers, exit); });
