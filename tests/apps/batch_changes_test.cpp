@@ -154,6 +154,8 @@ TEST_F(BatchChanges, AnOption) {
   run(manifest_, results_);
   expect_refused(batch(manifest_, results_, {"--count", "60"}), 3, {"--count", "'200'", "'60'", "--retry changed"});
   expect_redone({"a", "b", "w"}, {"--count", "60"});
+  expect_refused(batch(manifest_, results_, {"--count", "60", "--set", "levels=3"}), 3,
+                 {"--set levels", "'3'", "--retry changed"});
 }
 
 TEST_F(BatchChanges, AModelOfTheSameName) {
