@@ -1,7 +1,4 @@
-#include <string>
-
 #include <iclk/align/cpu/cpu_aligner.h>
-#include <iclk/engine/error.h>
 #include <iclk/refine/internal/align_feature.h>
 #include <iclk/refine/internal/feature_aligner.h>
 
@@ -24,8 +21,7 @@ class CpuFeatureAligner final : public FeatureAligner {
 
  private:
   AlignedFeatures align(const FeatureAlignmentTask& task) const {
-    check("slot", task.reference, aligner_.plan().max_references);
-    check("pair", task.pair, aligner_.plan().max_pairs);
+    check(task, aligner_.plan().max_references, aligner_.plan().max_pairs);
     const Pyramid &f0 = aligner_.reference_grey(task.reference), &luma = aligner_.target_grey(task.pair);
     const std::span<const Map> rgb = aligner_.target_rgb(task.pair);
     const bool recoloured = task.grey != kLuma && !rgb.empty();
@@ -45,12 +41,6 @@ class CpuFeatureAligner final : public FeatureAligner {
         aligned.colours[i] = colour_sums(f0[0], rgb, camera, uv0, q, task.T_10, f.uv1);
     }
     return aligned;
-  }
-
-  static void check(const char* what, int index, int count) {
-    if (index < 0 || index >= count)
-      throw Error(ErrorCode::invalid_argument,
-                  std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
   }
 
   const CpuAligner& aligner_;

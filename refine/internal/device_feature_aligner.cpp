@@ -1,10 +1,8 @@
 #include <algorithm>
 #include <cmath>
-#include <string>
 
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device_aligner.h>
-#include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 #include <iclk/refine/internal/device_features.h>
 #include <iclk/refine/internal/feature_aligner.h>
@@ -142,7 +140,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
     clear();             // a lost device may have left some
     submission_.wait();  // pending only where the last call could not wait for it
     for (const FeatureAlignmentTask& task : tasks) {
-      check(task);
+      check(task, aligner_.plan().max_references, aligner_.pairs_per_batch());
       AlignedFeatures& result = results.emplace_back();
       result.features.resize(aligner_.features(task.reference).uv.size());
       if (task.colours && recolour_) result.colours.resize(result.features.size());
@@ -185,15 +183,6 @@ class DeviceFeatureAligner final : public FeatureAligner {
   static const FeatureAlignmentOptions& checked(const FeatureAlignmentOptions& options) {
     options.check();
     return options;
-  }
-
-  void check(const FeatureAlignmentTask& task) const {
-    const auto refuse = [](const char* what, int index) {
-      throw Error(ErrorCode::invalid_argument,
-                  std::string("feature alignment: ") + what + " " + std::to_string(index) + " is outside the plan");
-    };
-    if (task.reference < 0 || task.reference >= aligner_.plan().max_references) refuse("slot", task.reference);
-    if (task.pair < 0 || task.pair >= aligner_.pairs_per_batch()) refuse("pair", task.pair);
   }
 
   void add(const FeatureAlignmentTask& task, const Piece& piece) {

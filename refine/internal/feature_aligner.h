@@ -23,6 +23,9 @@ struct FeatureAlignmentTask {
   bool colours = false;      ///< AlignedFeatures::colours is wanted
 };
 
+/// Throws Error(invalid_argument) for a slot or a pair outside a plan of so many.
+void check(const FeatureAlignmentTask& task, int references, int pairs);
+
 struct AlignedFeatures {
   std::vector<AlignedFeature> features;  ///< one a feature of the task's reference, in order
   /// One a feature, where the task asks and the target has colours, else empty. All zero unless aligned.

@@ -9,15 +9,15 @@
 #include <iclk/engine/error.h>
 #include <iclk/session/io/text.h>
 
+#include "apps/iclk/common/refuse.h"
+
 namespace iclk {
 namespace {
-
-[[noreturn]] void refuse_setting(const std::string& wanted) { throw Error(ErrorCode::invalid_argument, wanted + " expected"); }
 
 /// A whole number that a double holds exactly.
 double whole_number(const std::string& text, double least, double most) {
   const std::optional<double> number = to_number(text);
-  if (!number || !(*number >= least && *number <= most) || *number != std::floor(*number)) refuse_setting("a whole number");
+  if (!number || !(*number >= least && *number <= most) || *number != std::floor(*number)) refuse("a whole number expected");
   return *number;
 }
 
@@ -33,12 +33,12 @@ void Settings::read(const std::string& text, uint64_t& value) {
 
 void Settings::read(const std::string& text, double& value) {
   const std::optional<double> number = to_number(text);
-  if (!number || !std::isfinite(*number)) refuse_setting("a number");
+  if (!number || !std::isfinite(*number)) refuse("a number expected");
   value = *number;
 }
 
 void Settings::read(const std::string& text, bool& value) {
-  if (text != "yes" && text != "no") refuse_setting("yes or no");
+  if (text != "yes" && text != "no") refuse("yes or no expected");
   value = text == "yes";
 }
 
