@@ -41,7 +41,7 @@ const char* const kEvalFooter =
     "and 3 px. A stage that did not run leaves the error of the stage before; a pair without a pose has the error of its "
     "start\n"
     "and is never within 1 px. Claims: the method says that it succeeded; wrong: of these, more than 3 px off. NEES: squared\n"
-    "pose error of the claims by their own covariance, 6 in the mean if that is right. docs/evaluation.md says more.\n"
+    "pose error of the claims by their own covariance, 6 in the mean if that is right. docs/results/evaluation.md says more.\n"
     "\n"
     "Appearance: clean; jitter:S, colour jitter as torchvision's; exposure:S, gamma:S, vignetting:S, flare:S, motion_blur:S,\n"
     "noise:S, jpeg:S, shadow:S; severe or severe:S, some of these eight at random strengths. S up to 1, of jitter up to 2.\n"

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Trains the model of SD-6DoF-ICLK and writes it for `iclk --model`. docs/training.md says how and why.
+"""Trains the model of SD-6DoF-ICLK and writes it for `iclk --model`. docs/guide/training.md says how and why.
 
     train.py run --data SET ... --out RUN     trains, or goes on where it was stopped
     train.py export RUN --out model.safetensors

@@ -24,7 +24,7 @@ class RenderedPair(NamedTuple):
 
 
 class Terrain:
-    """Hills, fields, villages, woods, of a seed; rendered by ray casting on a Vulkan device (docs/rendering.md).
+    """Hills, fields, villages, woods, of a seed; rendered by ray casting on a Vulkan device (docs/guide/render.md).
 
     size: m of a side, 128 m take a second and 1024 some ten. The map begins at (0, 0): x east, y north, z up. device: as of
     ``iclk.Aligner``, but not "cpu". Raises ValueError for a size that cannot be, ``iclk.Error`` where there is no Vulkan.

@@ -18,7 +18,7 @@ void main() {
   int pitch = int(push.in_pitch);
   int at = int(push.in_offset + image * push.in_image + 2u * y * push.in_pitch + 2u * x);
   uint to = push.out_offset + image * push.out_image + y * push.out_pitch + x;
-  // Push constants are read before lanes part, see docs/convolutions.md.
+  // Push constants are read before lanes part, see docs/explain/convolutions.md.
   int in_plane = int(push.in_plane);
   uint out_plane = push.out_plane, planes = push.in_planes, c = 0u;
   Block block = block_at(x, y, image);

@@ -1,6 +1,6 @@
 // Descriptor of 8x8 grey values: 16 coefficients of their cosine transform, of the lowest frequencies but none, each times the
 // fourth root of its squared frequency, normalised. Brightness and contrast leave it alone; the cosine of two of them tells
-// places apart as well as the correlation of all 64 values does (docs/design.md). Rows are added from above.
+// places apart as well as the correlation of all 64 values does (docs/explain/start-search.md). Rows are added from above.
 // Texel n: horizontal frequencies of vertical frequency n, 1 to 4 of 0 and 0 to 3 of 1 and 2; of 3: 0 to 2, then
 // frequency 0 of 4.
 #include "finite.glsl"

@@ -1,8 +1,8 @@
 #version 460
 // The start of a pair by matching: the best hypothesis of each of ICLK_MATCH_GROUP shares is refined on all correspondences
 // with Tukey's weights, and the best of these stands if enough of them agree with it. Then the pair begins there, at a fine
-// level: what coarse levels see of a motion with parallax leads away from a good start (docs/design.md). Otherwise the pair is
-// as the host gave it.
+// level: what coarse levels see of a motion with parallax leads away from a good start (docs/explain/start-search.md).
+// Otherwise the pair is as the host gave it.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"

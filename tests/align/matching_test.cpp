@@ -211,7 +211,7 @@ TEST_P(Matched, AScantPairDisturbsNobodyInItsBatch) {
   EXPECT_TRUE(same_bits(results[0], results[4])) << "a start does not depend on the place in the batch";
 }
 
-// Of patches that are rolled by more than some 30 degrees no place is like the feature (docs/limits.md).
+// Of patches that are rolled by more than some 30 degrees no place is like the feature (docs/guide/limits.md).
 TEST_P(Matched, RollsAreFoundUpToALimitAndNeverClaimedWrongly) {
   for (const double roll : {0.5, -0.5, M_PI / 2, M_PI}) {
     Relief scene;

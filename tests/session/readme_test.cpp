@@ -1,5 +1,5 @@
-// The code of README.md and docs/embedding.md, compiled and run, here or by the embedding example. Lines between "// README"
-// and "// end" stand there word for word.
+// The code of README.md and docs/guide/embedding.md, compiled and run, here or by the embedding example. Lines between
+// "// README" and "// end" stand there word for word.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -55,7 +55,7 @@ std::vector<std::string> lines_of(const std::string& path) {
 }
 
 TEST(Readme, CodeIsWhatIsCompiled) {
-  const std::vector<std::string> names = {"/README.md", "/docs/embedding.md"};
+  const std::vector<std::string> names = {"/README.md", "/docs/guide/embedding.md"};
   std::vector<std::vector<std::string>> pages;
   std::vector<std::vector<bool>> compiled;
   for (const std::string& name : names) {
@@ -79,12 +79,12 @@ TEST(Readme, CodeIsWhatIsCompiled) {
         found = true;
         ++shown;
       }
-      EXPECT_TRUE(found) << "README.md and docs/embedding.md lack what begins, in " << file << ": " << *first;
+      EXPECT_TRUE(found) << "README.md and docs/guide/embedding.md lack what begins, in " << file << ": " << *first;
       ++blocks;
     }
   }
   EXPECT_EQ(blocks, 4);
-  EXPECT_EQ(shown, 5);  // README.md has one of the embedding example's three, docs/embedding.md all
+  EXPECT_EQ(shown, 5);  // README.md has one of the embedding example's three, docs/guide/embedding.md all
 
   for (size_t p = 0; p < pages.size(); ++p) {
     bool cpp = false;
