@@ -1,6 +1,7 @@
 #version 460
 // The grey map on which starts are matched: raw pixels -> means of squares of `scale` pixels. Of a learned model too: the mean
-// over an encoder's channels tells places apart worse than grey values do, under hard light as well (docs/explain/start-search.md).
+// over the channels of an encoder tells places apart worse than grey values do, under hard light as well
+// (docs/explain/start-search.md).
 // Groups: (ceil(width height / local size), 1, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
