@@ -16,74 +16,74 @@ namespace iclk::engine {
 enum class MessageSeverity { info, warning, error };
 
 struct ContextOptions {
-  std::string device;  ///< request of choose_device(): empty, index, part of a name, UUID
-  /// VK_LAYER_KHRONOS_validation with synchronization validation; Error(unsupported) where it is missing.
+  std::string device;  ///< the `request` of choose_device(): empty, an index, a UUID or part of a name
+  /// Enables VK_LAYER_KHRONOS_validation with synchronization validation; Error(unsupported) if it is missing.
   bool validation = false;
-  /// Receives what validation has to say. May be called from any thread that uses the context, one call at a time.
+  /// Receives the validation messages. Any thread that uses the context may call it, one call at a time.
   std::function<void(MessageSeverity, const std::string&)> on_message;
-  bool storage_reads = false;  ///< read storage buffers in place of texel buffers, though these are large enough
-  /// s: the most that one submission may take (Context::longest_submission()).
+  bool storage_reads = false;  ///< use storage buffers instead of texel buffers even if these are large enough
+  /// The longest time of one submission in s (Context::longest_submission()).
   std::optional<double> longest_submission;
-  /// Asked once, when the device is chosen, for Context::pipeline_cache_data() of an earlier run on it, so that pipelines need
-  /// not be compiled again. Of another device or driver, or no cache at all: ignored. The driver reads it: take it from where
-  /// you put it and nobody else writes.
+  /// Returns saved Context::pipeline_cache_data() of this device, so that its pipelines need no compilation. Called once, when
+  /// the device is chosen. Data of another device or driver and invalid data are ignored. The driver parses the data: load it
+  /// only from files that nobody else can write.
   std::function<std::vector<uint8_t>(const DeviceInfo&)> pipeline_cache;
-  /// false: as if the device had no subgroup operations (DeviceInfo::subgroup_operations = 0)
+  /// false: do not use subgroup operations (DeviceInfo::subgroup_operations = 0)
   bool subgroups = true;
 };
 
-/// Memory that is asked of the application in vkAllocateMemory's place.
+/// A request for memory to the application, instead of vkAllocateMemory.
 struct MemoryRequest {
-  VkMemoryRequirements requirements{};   ///< memoryTypeBits is one bit: the type that was chosen
+  VkMemoryRequirements requirements{};   ///< memoryTypeBits has one bit: the chosen type
   VkMemoryPropertyFlags properties = 0;  ///< of that type
   bool mapped = false;                   ///< MemoryBlock::mapped is needed
 };
 
-/// `requirements.size` bytes that buffers are bound to, and nobody else's. They may be part of a larger allocation.
+/// `requirements.size` bytes for the buffers of iclk only. They may be part of a larger allocation.
 struct MemoryBlock {
   VkDeviceMemory memory = VK_NULL_HANDLE;
   VkDeviceSize offset = 0;  ///< in `memory`, a multiple of requirements.alignment
-  void* mapped = nullptr;   ///< host address of the block's first byte, where the request wants it
-  void* handle = nullptr;   ///< the application's, VmaAllocation for one; given back as it is
+  void* mapped = nullptr;   ///< host address of the first byte of the block, if requested
+  void* handle = nullptr;   ///< for the application (a VmaAllocation, for example); returned to free_memory unchanged
 };
 
-/// A device that the application created and keeps. It must outlive the Context and meet requirements(); nothing here is
-/// ever destroyed by us, and no other queue is touched. With vulkanMemoryModel enabled, vulkanMemoryModelDeviceScope must be
-/// too.
+/// A device of the application. It must outlive the Context and meet requirements(). iclk destroys none of these objects and
+/// uses no other queue. If vulkanMemoryModel is enabled, vulkanMemoryModelDeviceScope must be enabled too.
 struct HostDevice {
   VkInstance instance = VK_NULL_HANDLE;  ///< made with VkApplicationInfo::apiVersion >= 1.1
   VkPhysicalDevice physical_device = VK_NULL_HANDLE;
   VkDevice device = VK_NULL_HANDLE;
-  VkQueue queue = VK_NULL_HANDLE;  ///< for blocking calls; of queue_family. Foreign recordings never touch it
-  uint32_t queue_family = 0;       ///< with COMPUTE; graphics is not needed
-  PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;  ///< null: libvulkan.so.1 is opened
-  /// Called around every vkQueueSubmit on `queue`, if the application uses that queue from other threads. Both or neither;
-  /// neither may call iclk, and unlock_queue may not throw.
+  /// Of queue_family; used by blocking calls. Recordings into command buffers of the application never use it.
+  VkQueue queue = VK_NULL_HANDLE;
+  uint32_t queue_family = 0;                                   ///< with COMPUTE; graphics is not needed
+  PFN_vkGetInstanceProcAddr get_instance_proc_addr = nullptr;  ///< null: iclk opens libvulkan.so.1
+  /// Called around every vkQueueSubmit on `queue`, for applications that use this queue from other threads. Set both or
+  /// neither. Neither may call iclk, and unlock_queue must not throw.
   std::function<void()> lock_queue, unlock_queue;
-  /// Used from many threads at once, so not made EXTERNALLY_SYNCHRONIZED. Null: the context makes its own.
+  /// Many threads use it at once, so it must not be EXTERNALLY_SYNCHRONIZED. Null: the context makes its own.
   VkPipelineCache pipeline_cache = VK_NULL_HANDLE;
-  /// Where all memory of this context comes from and goes to. Both or neither: vkAllocateMemory. Called from whichever thread
-  /// makes or destroys an object of iclk. allocate_memory returns a block without `memory` where there is none; free_memory may
-  /// not throw.
+  /// Allocate and free all device memory of this context. Set both, or neither: then iclk calls vkAllocateMemory. Any thread
+  /// that makes or destroys an object of iclk may call them. If there is no memory, allocate_memory returns a block whose
+  /// `memory` is null. free_memory must not throw.
   std::function<MemoryBlock(const MemoryRequest&)> allocate_memory;
   std::function<void(const MemoryBlock&)> free_memory;
 };
 
-/// A value of a timeline semaphore: VK_KHR_timeline_semaphore, or its feature of Vulkan 1.2, enabled by the application.
+/// A value of a timeline semaphore. The application must enable VK_KHR_timeline_semaphore or its feature of Vulkan 1.2.
 struct TimelinePoint {
   VkSemaphore semaphore = VK_NULL_HANDLE;
   uint64_t value = 0;
 };
 
-/// What a submission waits for before its compute and transfer commands, and signals behind the last.
+/// A submission waits for `wait` before its compute and transfer commands, and signals `signal` after the last one.
 struct Synchronisation {
   std::span<const TimelinePoint> wait = {}, signal = {};
 };
 
 class Pipelines;
 
-/// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions hold a shared_ptr to it, so the order
-/// in which they are destroyed does not matter. Nothing is shared between contexts.
+/// A device with one compute queue. Thread-safe. Kernels, workspaces and submissions have a shared_ptr to their context, so
+/// they may be destroyed in any order. Contexts share nothing.
 class Context {
  public:
   ~Context();
@@ -98,48 +98,52 @@ class Context {
   VkQueue queue() const { return queue_; }
   uint32_t queue_family() const { return queue_family_; }
   VkPipelineCache pipeline_cache() const { return pipeline_cache_; }
-  /// What the pipeline cache holds now, for ContextOptions::pipeline_cache of a later run. Empty where the driver keeps
+  /// The current contents of the pipeline cache, for ContextOptions::pipeline_cache of a later run. Empty if the driver caches
   /// nothing.
   std::vector<uint8_t> pipeline_cache_data() const;
-  Pipelines& pipelines() const { return *pipelines_; }  ///< those of the kernels, internal/pipelines.h
+  Pipelines& pipelines() const { return *pipelines_; }  ///< of all kernels: compute/pipelines.h
   bool owns_device() const { return owns_device_; }
 
   const DeviceInfo& info() const { return info_; }
   const VkPhysicalDeviceLimits& limits() const { return limits_; }
   const VkPhysicalDeviceMemoryProperties& memory_properties() const { return memory_; }
   VkDeviceSize max_allocation() const { return max_allocation_; }  ///< bytes of one vkAllocateMemory
-  /// Texel buffers of this device end below kLeastTexels: BindingKind::texel_read is storage_read here, buffers have no texel
-  /// views, and limits().maxTexelBufferElements says that nothing ends there.
+  /// Kernels use storage buffers instead of texel buffers, because the texel buffers of this device are smaller than
+  /// kLeastTexels. Then BindingKind::texel_read is storage_read, buffers have no texel views, and
+  /// limits().maxTexelBufferElements is the largest uint32_t.
   bool storage_reads() const { return storage_reads_; }
-  /// CPU or integrated, with memory that is both the device's and the host's: buffers of MemoryKind::device are mapped.
+  /// A CPU or integrated device with memory that is device local and visible to the host: buffers of MemoryKind::device are
+  /// mapped.
   bool unified_memory() const { return unified_memory_; }
 
-  /// s: watchdogs of operating systems end what keeps a GPU for longer than about two. A Submission spreads what takes more.
-  /// Infinite on CPU devices, which nobody watches.
+  /// The longest time of one submission in s. Operating systems stop work that occupies a GPU for more than about 2 s, so a
+  /// Submission splits longer work. Infinite on CPU devices, which have no such watchdog.
   double longest_submission() const { return longest_submission_; }
 
-  double timestamp_period() const { return limits_.timestampPeriod; }      ///< nanoseconds a tick
+  double timestamp_period() const { return limits_.timestampPeriod; }      ///< nanoseconds per tick
   uint32_t timestamp_valid_bits() const { return timestamp_valid_bits_; }  ///< 0: this queue has no timestamps
 
-  /// A CPU device was taken although nobody asked for it: the application should say so, with info().name.
+  /// A CPU device was chosen although ContextOptions::device did not name it. The application should report it, with
+  /// info().name.
   bool cpu_unasked() const { return cpu_unasked_; }
 
-  /// vkQueueSubmit of one command buffer under our mutex and the host's lock. Throws Error(device_lost), Error(out_of_memory).
+  /// Submits one command buffer under the mutex of the context and HostDevice::lock_queue. Throws Error(device_lost),
+  /// Error(out_of_memory).
   void submit(VkCommandBuffer commands, VkFence fence, const Synchronisation& synchronisation = {}) const;
 
-  /// Memory of the application where it brings an allocator, else of vkAllocateMemory. Throws Error(out_of_memory) with
-  /// `details`; Error(invalid_argument) for a block of the application that does not fit the request.
+  /// Allocates memory from HostDevice::allocate_memory if it is set, else from vkAllocateMemory. Throws Error(out_of_memory)
+  /// with `details`; Error(invalid_argument) if the block of the application does not fit the request.
   MemoryBlock allocate(const MemoryRequest& request, const std::string& details) const;
   void free(const MemoryBlock& block) const noexcept;
 
-  /// Gives an object the name by which validation and debuggers call it. Does nothing without validation.
+  /// Names an object for validation messages and debuggers. Does nothing without validation.
   void name_object(VkObjectType type, uint64_t handle, const std::string& name) const;
 
  private:
   friend struct ContextBuilder;
   Context();
 
-  std::shared_ptr<void> keep_alive_;  // our instance, or the loader of an adopted one; outlives the device
+  std::shared_ptr<void> keep_alive_;  // the instance of iclk, or the loader for an adopted one; outlives the device
   InstanceFunctions instance_functions_;
   DeviceFunctions vk_;
   VkInstance instance_ = VK_NULL_HANDLE;
@@ -163,16 +167,17 @@ class Context {
   PFN_vkSetDebugUtilsObjectNameEXT set_name_ = nullptr;
 };
 
-/// Every Vulkan device of this machine, usable or not (DeviceInfo::rejected). The index is the one that ContextOptions::device
-/// takes. Throws Error(no_driver) without a Vulkan loader or driver; an empty list when drivers find no device.
+/// Lists all Vulkan devices of this machine, usable or not (DeviceInfo::rejected). ContextOptions::device accepts their
+/// indices. The list is empty if drivers find no device. Throws Error(no_driver) without a Vulkan loader or driver.
 std::vector<DeviceInfo> list_devices();
 
-/// Chooses a device and creates it, with one queue: compute without graphics where there is such a family.
-/// Throws Error(no_driver), Error(no_device), Error(unsupported: validation layer), Error(vulkan).
+/// Chooses a device and creates it with one queue, from a family with compute but no graphics if there is one.
+/// Throws Error(no_driver); Error(no_device); Error(unsupported) for a missing validation layer; Error(vulkan).
 std::shared_ptr<Context> create_context(const ContextOptions& options = {});
 
-/// Takes a device of the application. Throws Error(invalid_argument) for a null handle, one lock callback without the other, a
-/// queue family that does not exist or cannot compute; Error(unsupported) with what requirements() misses.
+/// Makes a context for a device of the application. Throws Error(invalid_argument) for a null handle, one callback of a pair
+/// without the other, and a queue family that does not exist or cannot compute. Throws Error(unsupported) with the unmet
+/// requirements().
 std::shared_ptr<Context> adopt_device(const HostDevice& host);
 
 }  // namespace iclk::engine

@@ -5,15 +5,15 @@
 
 namespace iclk::engine {
 
-/// A buffer as kernels and recorders take it: no owner. A VkBuffer of the application is wrapped by filling in handle and size.
+/// A buffer for kernels and recorders; it owns nothing. To use a VkBuffer of the application, set `handle` and `size`.
 struct Buffer {
   VkBuffer handle = VK_NULL_HANDLE;
   VkBufferView view = VK_NULL_HANDLE;  ///< of the whole buffer, if it has a texel format
   VkDeviceSize size = 0;               ///< bytes
   void* mapped = nullptr;              ///< host address, coherent; null: not mapped
-  VkBuffer twin = VK_NULL_HANDLE;      ///< where `mapped` lies, of a table that is not mapped itself
+  VkBuffer twin = VK_NULL_HANDLE;      ///< the buffer that `mapped` belongs to, if a table is not mapped itself
 
-  /// An image of the application in the place of a buffer, for BindingKind::sampled_image; all else is null.
+  /// An image of the application instead of a buffer, for BindingKind::sampled_image; all other fields are null.
   VkImageView image = VK_NULL_HANDLE;
   VkImageLayout image_layout = VK_IMAGE_LAYOUT_UNDEFINED;
 
@@ -23,19 +23,19 @@ struct Buffer {
   }
 };
 
-/// An image of the application, used in the state in which it is handed over and given back in the same.
+/// An image of the application. It returns in the layout and queue family in which it was passed.
 struct ForeignImage {
   VkImage handle = VK_NULL_HANDLE;  ///< with VK_IMAGE_USAGE_TRANSFER_SRC_BIT, one sample, colour
   VkFormat format = VK_FORMAT_UNDEFINED;
   uint32_t width = 0, height = 0;  ///< of mip level 0
-  /// When the commands execute; restored. UNDEFINED has no content and is refused.
+  /// The layout when the commands execute; it is restored afterwards. VK_IMAGE_LAYOUT_UNDEFINED is rejected.
   VkImageLayout layout = VK_IMAGE_LAYOUT_UNDEFINED;
-  /// The family that owns it, if it is exclusive and not ours: the application has released it to our family in this layout and
-  /// acquires it back afterwards. IGNORED: concurrent, or already ours.
+  /// The owning queue family of an exclusive image, if it is not the family of iclk. The application must release the image
+  /// to iclk's family in this layout before, and acquire it back afterwards. IGNORED: concurrent, or already in iclk's family.
   uint32_t queue_family = VK_QUEUE_FAMILY_IGNORED;
 };
 
-/// Bytes of vkAllocateMemory a kind.
+/// Bytes allocated by vkAllocateMemory, by kind.
 struct MemoryBytes {
   VkDeviceSize device = 0, upload = 0, readback = 0;
   VkDeviceSize total() const { return device + upload + readback; }

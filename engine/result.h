@@ -7,21 +7,21 @@
 
 namespace iclk::engine {
 
-/// "VK_ERROR_DEVICE_LOST".
+/// The name of a result, for example "VK_ERROR_DEVICE_LOST".
 const char* name(VkResult result);
 
-/// Throws for every negative VkResult: out_of_memory, device_lost, or vulkan; the message is "`call`: VK_ERROR_...; `details`".
-/// Details say what was asked for (the number of bytes, the kernel's name).
+/// Throws Error for every negative VkResult, with code out_of_memory, device_lost or vulkan. The message is
+/// "`call`: VK_ERROR_...; `details`". Details state the request: the number of bytes, or the name of the kernel.
 void check(VkResult result, const char* call, const std::string& details = {});
 
-/// check() for a call that makes `handle`: what a failed one leaves there is undefined, and becomes null before the throw.
+/// Like check(), for a call that creates `handle`. A failed call leaves it undefined; it is set to null before the throw.
 template <class Handle>
 void check_made(VkResult result, Handle& handle, const char* call, const std::string& details = {}) {
   if (result < 0) handle = VK_NULL_HANDLE;
   check(result, call, details);
 }
 
-/// "1.50 GiB (1610612736 bytes)".
+/// Formats a size, for example "1.50 GiB (1610612736 bytes)".
 std::string bytes_in_words(VkDeviceSize bytes);
 
 }  // namespace iclk::engine

@@ -7,34 +7,35 @@
 
 namespace iclk::engine {
 
-/// Commands of our own: recorded once, submitted as often as wanted. On a device that is watched they are spread over several
-/// command buffers, submitted one behind the other, none of which is meant to take longer than Context::longest_submission().
-/// One thread at a time; any number of submissions may be used from any number of threads.
+/// Command buffers of iclk: recorded once, submitted any number of times. Where Context::longest_submission() is finite, the
+/// commands are split over several command buffers that are submitted in sequence, so that each one stays below that limit.
+/// One thread at a time; different submissions may be used from different threads.
 class Submission {
  public:
   explicit Submission(std::shared_ptr<const Context> context);
-  ~Submission();  ///< waits for what is pending
+  ~Submission();  ///< waits for pending work
   Submission(const Submission&) = delete;
   Submission& operator=(const Submission&) = delete;
 
-  /// Waits for what is pending, forgets the old commands and starts recording.
+  /// Waits for pending work, discards the old commands and starts recording.
   VkCommandBuffer begin();
-  /// Precondition: recording. Goes on in another command buffer, which is executed after the one before.
+  /// Continues in another command buffer, which is executed after the previous one. Precondition: recording.
   VkCommandBuffer next();
   /// Ends recording.
   void end();
 
-  /// Workgroups that a command buffer should hold at most. It follows the time that earlier submissions took; so the first are
-  /// cut small.
+  /// The largest number of workgroups that one command buffer should have. It is adapted to the times of earlier submissions;
+  /// its first value is small.
   uint64_t most_groups() const { return most_groups_; }
 
-  /// Precondition: end() was called. Waits for the submission before this one. What `synchronisation` names must stay until
-  /// this one has ended. Throws Error(device_lost), Error(out_of_memory).
+  /// Submits the commands after waiting for the previous submission. Precondition: end() was called. The semaphores in
+  /// `synchronisation` must live until this submission has ended. Throws Error(device_lost), Error(out_of_memory).
   void submit(const Synchronisation& synchronisation = {});
   /// Whether wait() would return at once. Throws Error(device_lost), Error(out_of_memory).
   bool finished() const;
-  /// Returns at once when nothing is pending. No timeout: kernels may be slow on a CPU. Throws Error(device_lost);
-  /// Error(out_of_memory), which several attempts did not get over: then the submission is still pending.
+  /// Waits for the last submission; returns at once if nothing is pending. There is no timeout, because kernels may be slow on
+  /// a CPU. Throws Error(device_lost). Throws Error(out_of_memory) after several attempts; then the submission is still
+  /// pending.
   void wait();
   void submit_and_wait() {
     submit();
@@ -56,11 +57,11 @@ class Submission {
 
   std::shared_ptr<const Context> context_;
   VkCommandPool pool_ = VK_NULL_HANDLE;
-  std::vector<Part> parts_;  // kept from recording to recording
-  size_t recorded_ = 0;      // of parts_
+  std::vector<Part> parts_;  // reused by the next recording
+  size_t recorded_ = 0;      // the number of parts_ in use
   size_t first_pending_ = 0, end_pending_ = 0;
   std::chrono::steady_clock::time_point submitted_;
-  double longest_ = 0;  // s, of the parts of this submission that have ended
+  double longest_ = 0;  // s, the longest time of a part of this submission that has ended
   uint64_t most_groups_;
 };
 

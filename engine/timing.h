@@ -3,10 +3,11 @@
 
 namespace iclk::engine {
 
+/// The device time of a stage.
 struct StageTime {
   std::string name;
-  double milliseconds = 0;  ///< on the device, summed over `count`
-  int count = 0;            ///< times that the stage was entered
+  double milliseconds = 0;  ///< sum over `count` runs
+  int count = 0;            ///< how often the stage ran
 };
 
 }  // namespace iclk::engine

@@ -1,11 +1,11 @@
 #pragma once
-// Nothing in iclk calls a Vulkan function by its global name, so nothing links against libvulkan and an application may
+// iclk calls Vulkan functions only through these tables. It therefore does not link against libvulkan. An application may
 // include its own Vulkan headers with or without prototypes, before or after this one.
 #include <vulkan/vulkan_core.h>
 
 namespace iclk::engine {
 
-// Each function that the library calls is named once, here.
+// The lists of all Vulkan functions that the library calls.
 #define ICLK_INSTANCE_FUNCTIONS(X)          \
   X(DestroyInstance)                        \
   X(EnumeratePhysicalDevices)               \
@@ -74,22 +74,23 @@ namespace iclk::engine {
   X(DestroyQueryPool)            \
   X(GetQueryPoolResults)
 
-/// Functions of an instance. `functions.EnumeratePhysicalDevices` is vkEnumeratePhysicalDevices.
+/// Functions of an instance: `EnumeratePhysicalDevices` is vkEnumeratePhysicalDevices.
 struct InstanceFunctions {
 #define X(name) PFN_vk##name name = nullptr;
   ICLK_INSTANCE_FUNCTIONS(X)
 #undef X
 };
 
-/// Functions of a device, without the loader's dispatch in between.
+/// Functions of a device, called without the dispatch of the loader.
 struct DeviceFunctions {
 #define X(name) PFN_vk##name name = nullptr;
   ICLK_DEVICE_FUNCTIONS(X)
 #undef X
 };
 
-/// Throws Error(unsupported) that names the function which the implementation lacks.
+/// Throws Error(unsupported) that names a missing function.
 InstanceFunctions load_instance_functions(PFN_vkGetInstanceProcAddr get, VkInstance instance);
+/// Throws Error(unsupported) that names a missing function.
 DeviceFunctions load_device_functions(PFN_vkGetDeviceProcAddr get, VkDevice device);
 
 }  // namespace iclk::engine

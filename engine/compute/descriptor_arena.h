@@ -11,16 +11,16 @@
 
 namespace iclk::engine {
 
-/// How many descriptors a recording needs at most.
+/// The largest number of descriptors that a recording needs, by kind.
 struct ArenaSize {
   uint32_t sets = 0, storage = 0, texel = 0, uniform = 0, image = 0, sampled = 0;
   /// Room for `count` different sets of buffers bound to a kernel.
   void add(const Kernel& kernel, uint32_t count = 1);
 };
 
-/// Descriptor sets of one recording. It must live, without reset(), as long as the command buffer may still be executed, so
-/// every recording into a foreign command buffer owns one. The same buffers bound to the same kernel take one set, however
-/// often they are dispatched. One thread at a time.
+/// The descriptor sets of one recording. The arena must live, without reset(), as long as the command buffer may be executed.
+/// Every recording into a command buffer of the application therefore owns one. Equal buffers bound to the same kernel share
+/// one set. One thread at a time.
 class DescriptorArena {
  public:
   DescriptorArena(std::shared_ptr<const Context> context, const ArenaSize& size);
@@ -28,8 +28,9 @@ class DescriptorArena {
   DescriptorArena(const DescriptorArena&) = delete;
   DescriptorArena& operator=(const DescriptorArena&) = delete;
 
-  /// The set that binds buffers[i] to binding i, whole. Throws Error(invalid_argument): the count differs from the kernel's, a
-  /// null buffer, a texel binding without a view, or the arena is full; Error(unsupported): beyond maxStorageBufferRange.
+  /// Returns a set that binds the whole of buffers[i] to binding i. Throws Error(invalid_argument) for a wrong number of
+  /// buffers, a null buffer, a texel binding without a view, or a full arena. Throws Error(unsupported) for a buffer beyond
+  /// maxStorageBufferRange.
   VkDescriptorSet set(const Kernel& kernel, std::span<const Buffer* const> buffers);
 
   /// Frees every set. Precondition: no command buffer that uses them is pending or will be submitted again.

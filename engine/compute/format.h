@@ -5,7 +5,7 @@
 
 namespace iclk::engine {
 
-/// Bytes of one texel of a format that texel buffers and images may have here; 0 for any other.
+/// Bytes of one texel, for the formats that iclk supports in texel buffers and images; 0 for all others.
 constexpr uint32_t texel_bytes(VkFormat format) {
   switch (format) {
     case VK_FORMAT_R8_UNORM:

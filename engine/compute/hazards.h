@@ -1,5 +1,5 @@
 #pragma once
-// Which barrier a command needs. Knows no Vulkan object; tested without a device.
+// Decides which barrier a command needs. Makes no Vulkan calls, so that its tests need no device.
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -9,9 +9,10 @@
 
 namespace iclk::engine {
 
-/// The three places where a recording touches memory. Values are bits.
+/// The pipeline stages in which a recording accesses memory. Values are bits.
 enum class Stage : uint8_t { compute = 1, transfer = 2, host = 4 };
 
+/// An access of a command to a buffer.
 struct Use {
   uint64_t resource = 0;  ///< the VkBuffer
   bool write = false;
@@ -23,20 +24,20 @@ struct Barrier {
   VkAccessFlags source_access = 0, destination_access = 0;
 };
 
-/// Follows one recording, command by command. A VkMemoryBarrier orders everything before it, whatever the buffer, so each
-/// barrier settles all other buffers of the same stages too. What happened before the recording is unknown: its first command
-/// waits for the compute and transfer work before it, once.
+/// Tracks the memory accesses of one recording, command by command. A VkMemoryBarrier orders all earlier accesses of its
+/// stages, so one barrier serves all buffers. Earlier work on the queue is unknown: the first command of the recording waits
+/// for all earlier compute and transfer work.
 class HazardTracker {
  public:
-  /// The barrier that must stand before a command of `stage` with these uses; nothing if none is needed. Notes the command.
+  /// Adds a command of `stage` with these uses. Returns the barrier that must precede it, or nothing if it needs none.
   std::optional<Barrier> before(Stage stage, std::span<const Use> uses);
 
  private:
   struct State {
-    uint8_t write = 0;            // the stage of the last write, 0: none in this recording
-    uint8_t write_seen = 0;       // stages that see it
-    uint8_t read = 0;             // stages that read since that write
-    uint8_t read_before[2] = {};  // stages that wait for those reads, by reading stage: compute, transfer
+    uint8_t write = 0;            // the stage of the last write; 0: none in this recording
+    uint8_t write_seen = 0;       // stages to which that write is visible
+    uint8_t read = 0;             // stages that have read since that write
+    uint8_t read_before[2] = {};  // stages that wait for those reads; [0]: reads of compute, [1]: of transfer
   };
 
   void settle(uint8_t sources, bool writes, uint8_t destinations);

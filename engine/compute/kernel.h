@@ -10,20 +10,20 @@
 
 namespace iclk::engine {
 
-/// What a kernel does with the buffer of one binding; barriers follow from it, so it must be true.
+/// How a kernel accesses the buffer of one binding. It must match the shader: barriers are derived from it.
 enum class BindingKind : uint8_t {
   storage_read,        ///< readonly buffer
   storage_write,       ///< writeonly buffer
   storage_read_write,  ///< buffer
-  texel_read,          ///< (u)samplerBuffer / textureBuffer: a uniform texel buffer; storage_read where the context wants that
+  texel_read,          ///< (u)samplerBuffer or textureBuffer: a uniform texel buffer; storage_read if Context::storage_reads()
   image_read,          ///< readonly imageBuffer: a storage texel buffer
   uniform,             ///< uniform block
-  sampled_image,       ///< texture2D: Buffer::image, an image of the application. No barrier is placed for it
+  sampled_image,       ///< texture2D: Buffer::image, an image of the application; no barrier is placed for it
 };
 
-/// A shader in two builds (shaders/texels.glsl): arrays that are only read are texel buffers, or storage buffers. A kernel
-/// takes the one that suits its context (Context::storage_reads). Words of SPIR-V, which must outlive the
-/// kernel's making, of Kernel::deferred() the kernel.
+/// The SPIR-V of a shader in two builds (shaders/texels.glsl). They read constant arrays through texel buffers or through
+/// storage buffers; Context::storage_reads() selects the build. The words must outlive the constructor of the kernel; for
+/// Kernel::deferred() they must outlive the kernel.
 struct ShaderCode {
   constexpr ShaderCode() = default;
   /// A shader without texel_read bindings needs no second build.
@@ -35,35 +35,35 @@ struct ShaderCode {
 
 /// A compute shader with entry point main() and its bindings: set 0, binding i = bindings[i].
 struct KernelDescription {
-  const char* name = "";  ///< of the stage, for messages and profiles
+  const char* name = "";  ///< for messages and profiles
   ShaderCode spirv;
   std::vector<BindingKind> bindings;
   uint32_t push_constant_bytes = 0;  ///< a multiple of 4
-  /// Element i is constant_id i, bit pattern of a 32-bit type (bool: 0 or 1). By convention id 0 is local_size_x_id where a
-  /// shader lets the host choose its workgroup. Ids that a shader does not declare are ignored by Vulkan.
+  /// Element i is the value of constant_id i, as the bits of a 32-bit type (bool: 0 or 1). By convention, id 0 is
+  /// local_size_x_id if the host chooses the workgroup size. Vulkan ignores ids that the shader does not declare.
   std::vector<uint32_t> specialization;
 };
 
-/// What a kernel is to Vulkan.
+/// The Vulkan objects of a kernel.
 struct Pipeline {
   VkDescriptorSetLayout set_layout = VK_NULL_HANDLE;
   VkPipelineLayout layout = VK_NULL_HANDLE;
   VkPipeline pipeline = VK_NULL_HANDLE;
 };
 
-/// A compute pipeline of the context, which makes one of equal descriptions, keeps it to its end, and is kept alive. May be
-/// used by any number of recorders at a time; copies are one kernel.
+/// A compute pipeline. The context makes one pipeline for equal descriptions and keeps it until the context is destroyed; the
+/// kernel keeps the context alive. Any number of recorders may use a kernel at the same time. Copies share one pipeline.
 class Kernel {
  public:
   Kernel() = default;
-  /// Throws Error(unsupported) for more bindings or push constants than the device has; Error(vulkan) naming the kernel.
+  /// Throws Error(unsupported) for more bindings or push constants than the device allows; Error(vulkan) naming the kernel.
   Kernel(std::shared_ptr<const Context> context, const KernelDescription& description);
-  /// A kernel that few runs need. The description is checked now. The pipeline is made where the kernel is first recorded, and
-  /// that call throws Error(vulkan).
+  /// For kernels that few runs need. This call checks the description; the pipeline is made when the kernel is first recorded,
+  /// and that call may throw Error(vulkan).
   static Kernel deferred(std::shared_ptr<const Context> context, const KernelDescription& description);
 
   const std::string& name() const { return state_->name; }
-  std::span<const BindingKind> bindings() const;  ///< texel_read only where it is one
+  std::span<const BindingKind> bindings() const;  ///< texel_read is storage_read if Context::storage_reads()
   uint32_t push_constant_bytes() const;
   VkPipeline pipeline() const { return made().pipeline; }
   VkPipelineLayout layout() const { return made().layout; }
@@ -84,14 +84,14 @@ class Kernel {
 
 VkDescriptorType descriptor_type(BindingKind kind);
 
-/// Kernels that are made side by side: a driver may take a quarter of a second for one of them.
+/// Makes kernels in parallel, because a driver may take a quarter of a second for one of them.
 class KernelBatch {
  public:
   explicit KernelBatch(std::shared_ptr<const Context> context) : context_(std::move(context)) {}
 
-  /// `kernel` stays where it is until make(). Of one that is added again the last description counts.
+  /// `kernel` must not move before make(). If a kernel is added twice, its last description counts.
   void add(Kernel& kernel, KernelDescription description) { wanted_[&kernel] = std::move(description); }
-  /// Throws what the constructor of one of them threw; then none is made.
+  /// Makes all kernels, or none: then it throws the error of one of their constructors.
   void make();
 
  private:

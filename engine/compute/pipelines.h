@@ -1,6 +1,6 @@
 #pragma once
-// The Vulkan objects of kernels. Aligners, refiners and searches of a context want the same ones again and again, and a driver
-// may take a tenth of a second for each: a context makes those of equal descriptions once, and keeps them.
+// The pipelines of a context. Its aligners, refiners and searches need equal pipelines, and a driver may take a tenth of a
+// second for each. The context therefore makes one pipeline for equal descriptions and keeps it.
 #include <map>
 #include <mutex>
 
@@ -8,23 +8,23 @@
 
 namespace iclk::engine {
 
-/// Thread-safe. What it holds lives as long as the context.
+/// Thread-safe. Its pipelines live as long as the context.
 class Pipelines {
  public:
   Pipelines() = default;
   Pipelines(const Pipelines&) = delete;
   Pipelines& operator=(const Pipelines&) = delete;
 
-  /// The one of an equal description, or a new one; threads that ask for the same at the same time may each make it, and one
-  /// is kept. `description` is checked, and reads as `context` does. Throws Error(vulkan) naming the kernel; then nothing is
-  /// kept.
+  /// Returns the pipeline of an equal description, or makes it. Threads that need the same pipeline at the same time may each
+  /// make it; one is kept. Precondition: `description` is checked, and texel_read is storage_read if
+  /// `context.storage_reads()`. Throws Error(vulkan) naming the kernel; then nothing is kept.
   Pipeline of(const Context& context, const KernelDescription& description);
 
-  /// Before the device goes.
+  /// Must be called before the device is destroyed.
   void destroy(const DeviceFunctions& vk, VkDevice device) noexcept;
 
  private:
-  // Code by its place, length and hash: what is read later at the same place may be other code.
+  // Code is identified by address, length and hash, because other code may later lie at the same address.
   struct Key {
     std::string name;
     const uint32_t* words;

@@ -1,5 +1,5 @@
 #pragma once
-// The instance, its validation and the questions to physical devices.
+// The instance, its validation and queries of physical devices.
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -11,14 +11,14 @@
 
 namespace iclk::engine {
 
-/// Receives messages of the validation layer; its address is given to Vulkan.
+/// Receives messages of the validation layer. Vulkan keeps a pointer to it, so it must not move.
 struct Validation {
   std::function<void(MessageSeverity, const std::string&)> on_message;
   std::mutex mutex;
   VkDebugUtilsMessengerEXT messenger = VK_NULL_HANDLE;
 };
 
-/// An instance of our own: destroyed with its messenger.
+/// A VkInstance of iclk with its messenger; the destructor destroys both.
 class Instance {
  public:
   Instance(bool validation, std::function<void(MessageSeverity, const std::string&)> on_message);

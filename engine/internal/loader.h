@@ -5,10 +5,10 @@
 
 namespace iclk::engine {
 
-/// The Vulkan loader of this machine, opened at run time: programs start, and their CPU solver works, where there is none.
+/// The Vulkan loader of this machine, opened at run time. Programs therefore start without one, and their CPU solver works.
 class Loader {
  public:
-  /// Throws Error(no_driver) when libvulkan.so.1, or what it is called on this system, cannot be opened.
+  /// Throws Error(no_driver) if libvulkan.so.1, or its equivalent on this system, cannot be opened.
   Loader();
   PFN_vkGetInstanceProcAddr get_instance_proc_addr() const { return get_; }
 
