@@ -373,7 +373,7 @@ TEST_F(Batch, TwoDoNotWriteOneFile) {
 
 TEST_F(Batch, RealPairs) {
   const std::string data = test::data_folder("hololens_80");
-  if (data.empty()) GTEST_SKIP() << "no hololens_80 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("hololens_80");
   const Folder out;
   std::string text;
   for (const SequencePair& pair : make_pairs(load_sequence(data), 1)) {

@@ -111,7 +111,7 @@ TEST_F(DepthCommand, BadInputIsSaid) {
 TEST(Depth, BetterThanSgbmOnMotorcycle) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("middlebury_motorcycle");
-  if (data.empty()) GTEST_SKIP() << "no middlebury_motorcycle in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("middlebury_motorcycle");
   const Folder folder;
   const std::string truth = folder.path("truth.tiff");
   const std::string script = "import numpy as n,cv2; d=n.load('" + data +

@@ -35,7 +35,7 @@ Said example(const std::vector<std::string>& words, const std::string& out) {
 
 TEST(Example, GivesTheBitsOfTheCommand) {
   const std::string data = test::data_folder("tum_fr1_360_5");
-  if (data.empty()) GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tum_fr1_360_5");
   const SequencePair pair = make_pairs(load_sequence(data), 1).front();
   const Folder folder;
   const std::string a = folder.path("a.ppm"), b = folder.path("b.ppm"), depth = folder.path("depth.pgm");

@@ -40,11 +40,15 @@ inline std::string bytes_of(const std::string& path) {
   return {std::istreambuf_iterator<char>(in), {}};
 }
 
-/// Real data, or empty where there is none: the test then skips and says so.
+/// A recording of docs/guide/data.md, or empty where it is missing: the test then skips with no_data().
 inline std::string data_folder(const std::string& name) {
   const char* root = std::getenv("ICLK_DATA");
-  const std::filesystem::path path = std::filesystem::path(root ? root : ICLK_SOURCE_DIR "/../shared/data") / name;
+  const std::filesystem::path path = std::filesystem::path(root ? root : ICLK_SOURCE_DIR "/data") / name;
   return std::filesystem::exists(path) ? path.string() : "";
+}
+
+inline std::string no_data(const std::string& names) {
+  return "no recording " + names + ": run scripts/data, or set ICLK_DATA (docs/guide/data.md)";
 }
 
 #ifdef ICLK_COMMAND

@@ -97,7 +97,7 @@ TEST(Sequence, BrokenListsAreNamed) {
 
 TEST(Sequence, RealOnes) {
   const std::string tum = test::data_folder("tum_fr1_360_5"), hololens = test::data_folder("hololens_80");
-  if (tum.empty() || hololens.empty()) GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5 and hololens_80";
+  if (tum.empty() || hololens.empty()) GTEST_SKIP() << test::no_data("tum_fr1_360_5 or hololens_80");
   const auto pairs = make_pairs(load_sequence(tum), 1);
   ASSERT_EQ(pairs.size(), 4u);
   for (const SequencePair& p : pairs) {

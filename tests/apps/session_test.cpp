@@ -281,7 +281,7 @@ TEST(PairLoader, FeaturesAreUndistortedAtTheDoor) {
 
 TEST(Session, RealPairsMeetTheIssue) {
   const std::string folder = test::data_folder("tum_fr1_360_5");
-  if (folder.empty()) GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5";
+  if (folder.empty()) GTEST_SKIP() << test::no_data("tum_fr1_360_5");
   const Sequence sequence = load_sequence(folder);
   const auto pairs = make_pairs(sequence, 1);
   ASSERT_EQ(pairs.size(), 4u);
@@ -314,7 +314,7 @@ TEST(Session, RealPairsMeetTheIssue) {
 
 TEST(Session, RollingShuttersAreSeenInRealPairsAndNotInRenderedOnes) {
   const std::string kinect = test::data_folder("tum_fr1_360_5"), rendered = test::data_folder("tartan_60");
-  if (kinect.empty() || rendered.empty()) GTEST_SKIP() << "no data: set ICLK_DATA to the folder of tum_fr1_360_5 and tartan_60";
+  if (kinect.empty() || rendered.empty()) GTEST_SKIP() << test::no_data("tum_fr1_360_5 or tartan_60");
   SessionOptions session_options = options_of(has_device() ? Solver::device : Solver::cpu);
   const Sequence turning = load_sequence(kinect);
   const auto error_of = [&](const Sequence& sequence, const SequencePair& p, bool rolling, bool& turned) {

@@ -168,7 +168,7 @@ TEST_F(Stereo, ARigThatBends) {
 TEST_F(Stereo, AMotorcycleWhoseRightCameraWasTurned) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("middlebury_motorcycle");
-  if (data.empty()) GTEST_SKIP() << "no middlebury_motorcycle in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("middlebury_motorcycle");
   const Folder own;
   const cv::Mat left = cv::imread(data + "/motorcycle_left.png"), right = cv::imread(data + "/motorcycle_right.png");
   cv::Mat disparity, depth;

@@ -26,7 +26,7 @@ double number_after(const std::string& text, const std::string& line, const std:
 TEST(Track, RenderedRoomsWithinHalfAPercentOfTheWay) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
-  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
   const Folder folder;
   const std::string out = folder.path("out");
   const Finished f = run({"track", data, "--depth-sigma", "rendered", "--out", out});
@@ -54,7 +54,7 @@ TEST(Track, RenderedRoomsWithinHalfAPercentOfTheWay) {
 TEST(Track, DepthOfFewFramesIsEnough) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
-  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
   const Folder folder;
   const std::string out = folder.path("out");
   for (const char* every : {"0", "5", "8", "10"}) {
@@ -72,7 +72,7 @@ TEST(Track, DepthOfFewFramesIsEnough) {
 TEST(Track, AHandHeldCameraWithItsShutter) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tum_fr1_rpy_300");
-  if (data.empty()) GTEST_SKIP() << "no tum_fr1_rpy_300 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tum_fr1_rpy_300");
   const Finished f = run(
       {"track", data, "--distortion", "radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633", "--readout", "auto", "--frames", "60"});
   ASSERT_EQ(f.code, 0) << f.err;
@@ -119,7 +119,7 @@ TEST(Track, OthersFromFrameToFrame) {
   if (!test::has_program("iclk-peers")) GTEST_SKIP() << "no iclk-peers";
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
-  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
   const Finished f = run({"track", data, "--depth-sigma", "rendered", "--frames", "12", "--readout", "auto", "--peers"});
   ASSERT_EQ(f.code, 0) << f.err;
   EXPECT_NE(f.out.find("no readout found"), std::string::npos) << f.out;
@@ -131,7 +131,7 @@ TEST(Track, OthersFromFrameToFrame) {
 TEST(Track, AKilledRunGoesOnToTheSameBits) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
-  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
   const Folder folder;
   const std::string whole = folder.path("whole"), killed = folder.path("killed");
   const auto command = [&](const std::string& out) {
@@ -177,7 +177,7 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
 TEST(Track, OneRunAFolder) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
-  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
   const Folder folder;
   const std::string out = folder.path("out");
   const std::vector<std::string> command = {"track", data, "--depth-sigma", "rendered", "--frames", "30", "--out", out};
@@ -200,7 +200,7 @@ TEST(Track, OneRunAFolder) {
 TEST(Track, AutoIsTheDefaultOfASensorsErrors) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
-  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
   const Folder folder;
   const auto live = [&](const std::string& name, const std::string& sigma) {
     std::vector<std::string> command = {"track", data, "--frames", "8", "--out", folder.path(name)};
@@ -247,7 +247,7 @@ void write_with_bonnet(const std::string& from, const std::string& to, int first
 TEST(Track, MasksHideTheOwnVehicle) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");
-  if (data.empty()) GTEST_SKIP() << "no tartan_60 in ICLK_DATA or ../shared/data";
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
   const Folder folder;
   const std::string driven = folder.path("driven"), masks = driven + "/masks";
   fs::create_directories(masks);
