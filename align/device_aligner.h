@@ -14,21 +14,21 @@ struct DeviceParts;
 struct DeviceReference;  // device_recording.h
 struct DevicePair;
 
-/// The Vulkan solvers: Solver::host (one evaluation a submission, the 6x6 system on the host) and Solver::device (everything in
-/// shaders, one submission a batch). The same contract as every Aligner; poses agree with the CPU reference to single
-/// precision. One thread at a time; any number of aligners may share a context.
+/// The Vulkan solvers: Solver::host (one submission per evaluation, the 6x6 system on the host) and Solver::device (everything
+/// in shaders, one submission per batch). Poses agree with the CPU reference to single precision. One thread at a time; any
+/// number of aligners may share a context.
 class DeviceAligner : public Aligner {
  public:
-  /// Allocates everything. Throws Error(unsupported) if the plan does not fit the device, with the numbers.
-  /// With a model its encoder makes the maps, options.levels of its finest levels, and its M-estimator the weights; without,
-  /// they are the grey pyramid's and AlignerOptions::robust's. Throws Error(invalid_argument) for a model that does not fit
-  /// itself or the options.
+  /// Allocates all device memory. With a model, the `options.levels` finest levels of its encoder make the maps, and its
+  /// M-estimator the weights. Without, the maps are the grey pyramid, and AlignerOptions::robust gives the weights.
+  /// Throws Error(unsupported) with the numbers if the plan does not fit the device; Error(invalid_argument) for a model that
+  /// is inconsistent or does not fit the options.
   DeviceAligner(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
                 std::shared_ptr<const Model> model = nullptr);
   ~DeviceAligner() override;
 
-  /// Exactly what the constructor allocates and keeps. Where device memory is not mapped (Context::unified_memory()), a model's
-  /// weights pass through as much upload memory besides, which it gives back.
+  /// The exact number of bytes that the constructor allocates and keeps. Unless Context::unified_memory(), the constructor also
+  /// allocates upload memory of the size of the model's weights, and frees it.
   static engine::MemoryBytes workspace_size(const engine::Context& context, const Plan& plan, const AlignerOptions& options,
                                             Solver solver, const std::shared_ptr<const Model>& model = nullptr);
 
@@ -37,51 +37,51 @@ class DeviceAligner : public Aligner {
   std::vector<Alignment> align(std::span<const Pair> pairs) override;
   void warm_up() override;
 
-  /// align() in two halves: start() takes the pixels, submits and returns, finish() waits and has the results. The device waits
-  /// for `synchronisation.wait` before it begins and signals `synchronisation.signal` when it is through: timeline semaphores
-  /// of an adopted device. Up to pairs_per_batch() pairs; Solver::device. Between the two align() and start() throw
-  /// Error(invalid_argument), and set_reference() waits for the device.
+  /// align() in two halves: start() copies the pixels, submits and returns; finish() waits and returns the results. The device
+  /// waits for `synchronisation.wait` before the work and signals `synchronisation.signal` after it. These are timeline
+  /// semaphores of an adopted device. Preconditions: at most pairs_per_batch() pairs, and Solver::device. Before finish(),
+  /// align() and start() throw Error(invalid_argument), and set_reference() waits for the device.
   void start(std::span<const Pair> pairs, const engine::Synchronisation& synchronisation = {});
   bool finished() const;            ///< whether finish() would return at once
-  std::vector<Alignment> finish();  ///< nothing where nothing was started
+  std::vector<Alignment> finish();  ///< empty if nothing was started
 
-  /// Of a slot whose features the device has chosen, features() and checks() are empty.
   const Camera& camera(int slot) const override;
+  /// Like checks(), empty for a slot whose features the device has chosen.
   const Features& features(int slot) const override;
   const std::vector<FeatureCheck>& checks(int slot) const override;
   const Plan& plan() const override;
   Map grey(int slot) const override;
-  int pairs_per_batch() const;  ///< larger spans are split into batches of so many
+  int pairs_per_batch() const;  ///< align() splits larger spans into batches of this size
 
-  /// A recording: descriptors, pair data and results of one record() call. Must outlive the command buffer's last execution.
+  /// Descriptors, pair data and results of one record() call. Must outlive the last execution of the command buffer.
   class Recording {
    public:
     virtual ~Recording() = default;
-    /// shaders::ResultInfo a pair, visible to compute shaders and transfers that follow in the command buffer.
+    /// One shaders::ResultInfo per pair, visible to later compute shaders and transfers in the command buffer.
     virtual const engine::Buffer& results() const = 0;
-    /// Of a plan with choose_features: shaders::FeatureInfo, Plan::max_features a pair, the features of its reference, visible
-    /// like results(). Those that take no part have an inverse depth of 0.
+    /// The features of each pair's reference: Plan::max_features shaders::FeatureInfo per pair, visible like results().
+    /// Unused entries have an inverse depth of 0. Precondition: a plan with choose_features.
     virtual const engine::Buffer& features() const = 0;
-    /// After the application waited for its submission: the same results in full. Throws nothing but Error(device_lost).
+    /// The complete results. Precondition: the submission of the application has ended. Throws only Error(device_lost).
     virtual std::vector<Alignment> read() const = 0;
-    /// At the same time, the features of each pair's reference. Precondition: a plan with choose_features.
+    /// The features of each pair's reference. Preconditions: as read(), and a plan with choose_features.
     virtual std::vector<Features> read_features() const = 0;
   };
 
   /// Allocates a recording for up to `max_pairs` pairs; record() itself allocates nothing on the device.
   std::unique_ptr<Recording> make_recording(int max_pairs = 1);
 
-  /// Writes a whole alignment, references that are given included, into a command buffer in the recording state; submits
-  /// nothing. Host data (features, first guesses) are taken now, pixels when the commands execute. Only COMPUTE, TRANSFER and
-  /// HOST stages are used. The maps of this aligner are overwritten: what two recordings share is ordered by barriers on one
-  /// queue. Precondition: nothing that uses `recording`, or a slot that `references` sets, is pending. Sparse mode only.
-  /// Where this throws after its checks, the slots of `references` are not set.
+  /// Writes a whole alignment, including the preparation of `references`, into a command buffer in the recording state. It
+  /// submits nothing. Host data (features, first guesses) are copied now; pixels are read when the commands execute. Only
+  /// COMPUTE, TRANSFER and HOST stages are used. Recordings of one aligner share its maps, so submit them to one queue, where
+  /// their barriers order them. Sparse mode only. Precondition: no pending work uses `recording` or a slot in `references`.
+  /// If this throws after its checks, the slots of `references` are unset.
   void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
               std::span<const DevicePair> pairs);
 
   const std::shared_ptr<const engine::Context>& context() const;
 
-  /// Device time a stage of all align() calls since clear; empty unless timing was switched on.
+  /// The device time of each stage, summed over all align() calls since timing was switched on; empty if it is off.
   void enable_timing(bool on);
   const std::vector<engine::StageTime>& times() const;
 

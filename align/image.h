@@ -4,7 +4,7 @@
 
 namespace iclk {
 
-/// Channel order and type of a pixel, interleaved. Integers are scaled to [0, 1]; floats are taken as they are.
+/// The channel order and type of interleaved pixels. Integers are scaled to [0, 1]; floats are used unchanged.
 enum class PixelFormat : uint32_t { r8, rgb8, bgr8, rgba8, bgra8, r16, rgb16, bgr16, r32f, rgb32f, rgba32f };
 
 constexpr int channels(PixelFormat f) {
@@ -36,11 +36,11 @@ constexpr size_t bytes_per_pixel(PixelFormat f) {
   return 0;
 }
 
-/// Pixels of the caller, read during the call and never kept. Row-major, top row first.
+/// A view of pixels of the caller. They are read during the call only. Row-major, top row first.
 struct ImageView {
   const void* data = nullptr;
   int width = 0, height = 0;
-  size_t row_stride = 0;  ///< bytes from a row to the next; 0 = rows are packed
+  size_t row_stride = 0;  ///< bytes from one row to the next; 0: rows are packed
   PixelFormat format = PixelFormat::r8;
 
   size_t stride() const { return row_stride ? row_stride : static_cast<size_t>(width) * bytes_per_pixel(format); }

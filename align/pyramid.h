@@ -19,42 +19,42 @@ struct Map {
   float& at(int u, int v) { return data[static_cast<size_t>(v) * width + u]; }
   float at(int u, int v) const { return data[static_cast<size_t>(v) * width + u]; }
 
-  /// Bilinear value at (u, v), clamped to the image. Preconditions: width, height >= 2, u and v finite.
+  /// The bilinear value at (u, v), clamped to the image. Preconditions: width, height >= 2; u and v finite.
   double bilinear(double u, double v) const;
-  /// Whether one of the four pixels of that value is hidden. The same preconditions.
+  /// Whether bilinear() would read a hidden pixel. The same preconditions.
   bool hidden(double u, double v) const;
-  /// Central differences with the border pixel repeated.
+  /// Central differences; border pixels are repeated.
   double gradient_u(int u, int v) const;
   double gradient_v(int u, int v) const;
 };
 
-/// Finest first.
+/// The levels of an image, finest first.
 using Pyramid = std::vector<Map>;
 
 /// A grey value is weights . (R, G, B).
 using GreyWeights = std::array<float, 3>;
 inline constexpr GreyWeights kLuma = {ICLK_LUMA_R, ICLK_LUMA_G, ICLK_LUMA_B};
 
-/// Grey map of level 0: luma 0.299 R + 0.587 G + 0.114 B in [0, 1]; a single channel is taken as it is.
+/// The grey map of level 0: luma 0.299 R + 0.587 G + 0.114 B in [0, 1]; a single channel is used unchanged.
 Map grey_map(const ImageView& image);
 
-/// R, G and B of level 0 in [0, 1], in this order; a single channel is all three.
+/// The R, G and B maps of level 0 in [0, 1], in this order; a single channel gives three equal maps.
 std::vector<Map> rgb_maps(const ImageView& image);
 
-/// 2x2 means, sizes floored: the classical, unlearned features.
+/// The classical, unlearned features: 2x2 means, sizes floored.
 Pyramid grey_pyramid(const ImageView& image, int levels);
-/// The same of three maps of one size, as rgb_maps() makes them, with other weights than luma's.
+/// The grey pyramid with other weights than luma, from the three maps of rgb_maps().
 Pyramid grey_pyramid(std::span<const Map> rgb, const GreyWeights& weights, int levels);
 Map half_size(const Map& map);
 
-/// Value of a hidden pixel of a target's map. A mean of pixels of which one is hidden is larger than kHiddenFrom at any level.
+/// The value of hidden pixels in the maps of a target. At every level, means that include one are larger than kHiddenFrom.
 inline constexpr float kHidden = ICLK_HIDDEN, kHiddenFrom = ICLK_HIDDEN_FROM;
-/// Hides every pixel of a pyramid under which the mask (Pair::target_mask, of level 0's size) is 0 somewhere.
+/// Hides the pixels of a pyramid that cover a 0 of the mask (Pair::target_mask, of the size of level 0).
 void hide(Pyramid& pyramid, const ImageView& mask);
-/// The same where another pyramid of the same sizes is hidden.
+/// Hides the pixels that are hidden in another pyramid of the same sizes.
 void hide(Pyramid& pyramid, const Pyramid& like);
 
-/// Finest levels of the grey pyramid that feature alignment works on, whatever the maps that were aligned.
+/// The number of finest levels of the grey pyramid that feature alignment uses, whichever maps the aligner used.
 inline constexpr int kFeatureAlignmentLevels = 2;
 
 }  // namespace iclk
