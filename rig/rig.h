@@ -75,7 +75,7 @@ std::vector<RefinedAlignment> align_pairs(const Session& session, const Camera& 
                                           const SE3& T_rl, const RefinerOptions& options, bool search);
 
 /// Extrinsics that all pairs share: pairs by themselves, their robust mean by information (the sum of their 6x6 systems, see
-/// docs/guide/stereo.md), all again from there, then pose and inverse depths together (adjust_rig). `T_rl`: the old
+/// docs/explain/rig.md), all again from there, then pose and inverse depths together (adjust_rig). `T_rl`: the old
 /// calibration.
 /// Throws Error(invalid_argument) for no pairs, bad options, a pose that is not finite or without baseline, and what Aligner
 /// throws; never for pairs that cannot be aligned.

@@ -104,7 +104,7 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
       window(camera, judge, refiner, keyframes, options.window),
       seeder(camera, this->options, judge) {}
 
-/// docs/guide/sequences.md tells what happens to a frame, by these numbers.
+/// docs/explain/tracking.md tells what happens to a frame, by these numbers.
 TrackResult Tracker::Impl::track(const TrackFrame& given) {
   check(given);
   last_time = given.time;

@@ -1,4 +1,4 @@
-// The figures of docs/guide/stereo.md: a rendered rig, knocked or bending, by iclk::rig and by SIFT with the same adjustment.
+// The figures of docs/results/stereo.md: a rendered rig, knocked or bending, by iclk::rig and by SIFT with the same adjustment.
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
@@ -294,7 +294,7 @@ void flex(World& world, const Settings& settings) {
 
 int main(int argc, char** argv) {
   iclk::Settings settings;
-  CLI::App app("Rendered stereo rigs that are knocked and that bend: the tables of docs/guide/stereo.md");
+  CLI::App app("Rendered stereo rigs that are knocked and that bend: the tables of docs/results/stereo.md");
   app.add_option("--draws", settings.draws, "Shocks of each size")->capture_default_str()->check(CLI::PositiveNumber);
   app.add_option("--pairs", settings.pairs, "Pairs a shock")->capture_default_str()->check(CLI::PositiveNumber);
   app.add_option("--frames", settings.frames, "Of each bending rig")->capture_default_str()->check(CLI::PositiveNumber);

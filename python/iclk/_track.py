@@ -43,7 +43,7 @@ class TrackedFrame:
 
 
 class Tracker:
-    """Visual odometry with depth: keyframes, windows of them adjusted together; docs/guide/sequences.md says how.
+    """Visual odometry with depth: keyframes, windows of them adjusted together; docs/explain/tracking.md says how.
 
     K: 3 x 3, or fx, fy, cx, cy, of undistorted images. model: "classical", the name of a model or a path. device: as of
     ``iclk.Aligner``. solver: "device", "host" or "cpu". features: a keyframe. keyframes: held at most. window: newest that are
