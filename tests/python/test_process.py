@@ -203,7 +203,7 @@ CALLS = int(os.environ.get("ICLK_LEAK_CALLS", "500"))
 
 
 def test_no_memory_is_left_behind() -> None:
-    """ICLK_LEAK_CALLS=10000 for the figure of docs/guide/python.md."""
+    """ICLK_LEAK_CALLS=10000 for the figure of docs/results/python.md."""
     s = make_scene(64, 48)
     aligner = iclk.Aligner(64, 48, "classical", "cpu", levels=2, search="off", references=1)
     options = {"device": "cpu", "model": "classical", "levels": 2, "search": "off"}
@@ -239,7 +239,7 @@ class MallInfo(ctypes.Structure):
 @needs_vulkan
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="needs glibc 2.33")
 def test_an_aligner_takes_its_memory_along() -> None:
-    """What malloc has in use: glibc keeps what a software device's compiler frees (docs/guide/python.md)."""
+    """What malloc has in use: glibc keeps what a software device's compiler frees (docs/results/python.md)."""
     s = make_scene(160, 120)
     mallinfo = ctypes.CDLL(None).mallinfo2
     mallinfo.restype = MallInfo
