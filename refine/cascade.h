@@ -11,50 +11,53 @@
 
 namespace iclk {
 
-/// A pair together with its reference. Pixels and depths are read during Cascade::align() only.
+/// A pair with its own reference. Pixels and depths are read during Cascade::align() only.
 struct CascadePair {
   Reference reference;
   ImageView target;
-  SE3 T_10;                    ///< first guess
+  SE3 T_10;                    ///< the first guess
   bool search = true;          ///< Pair::search
   ImageView target_mask = {};  ///< Pair::target_mask
 };
 
-/// The cheapest answer that can be believed: every pair begins with the first model, and what does not end in
-/// Status::converged goes on to the next; the last one's answer stands whatever it is. Where features stand still with the
-/// camera, the others are asked alone, and their pose stands if they are more (RefinedAlignment::fixed). A pair's answer does
-/// not depend on the pairs beside it. RefinedAlignment::model says who answered, RefinedAlignment::attempts what came before.
-/// Pairs come with their references, or with the slots of keyframes that were prepared for any number of targets. One thread at
-/// a time.
+/// Aligns pairs with several models, the cheapest first. Each pair starts with the first model. Pairs that do not end in
+/// Status::converged go to the next model; the answer of the last model is final. RefinedAlignment::model names the model that
+/// answered, RefinedAlignment::attempts lists all models that were tried. A pair's answer does not depend on other pairs.
+///
+/// Some features may stand still while the camera moves, such as a caption. The pair is then aligned without them, and that
+/// pose is the answer if it has more features (RefinedAlignment::fixed).
+///
+/// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
+/// time.
 class Cascade {
  public:
   struct Step {
     std::string model;  ///< its name
-    std::function<std::unique_ptr<Aligner>()>
-        make;                               ///< of the first step called at once, of others when the first pair arrives
-    std::optional<RefinerOptions> refiner;  ///< none: ICLK's own answer counts
+    /// Makes the aligner. The constructor calls it for the first step; other steps call it at their first pair.
+    std::function<std::unique_ptr<Aligner>()> make;
+    std::optional<RefinerOptions> refiner;  ///< empty: no refinement, the answer is the pose of ICLK
   };
-  /// ms spent in all calls of align(), and in the constructor.
+  /// Sums over the constructor and all calls of align(), ms.
   struct Times {
     double setup = 0;    ///< aligners and their memory
     double prepare = 0;  ///< references
     double align = 0;    ///< ICLK and refinement
   };
 
-  /// Throws what the first step's `make` throws, and Error(invalid_argument) for no step or bad options.
+  /// Throws Error(invalid_argument) without steps and for bad options, and the errors of the first step's `make`.
   explicit Cascade(std::vector<Step> steps);
   ~Cascade();
 
-  /// One result a pair, in order. Precondition: the aligners' plans hold as many references as there are pairs.
-  /// Throws what `make` and Aligner throw.
-  /// Slots are not set afterwards.
+  /// Returns one result per pair, in order. Precondition: the aligners' plans have at least as many references as pairs.
+  /// Afterwards all slots are unset. Throws the errors of `make` and Aligner.
   std::vector<RefinedAlignment> align(std::span<const CascadePair> pairs);
 
-  /// As Aligner's. Its pixels are copied, for models that are asked later. If it throws, the slot is as it was.
+  /// See Aligner::set_reference(). The pixels are copied, for later models. If it throws, the slot is unchanged.
   std::vector<FeatureCheck> set_reference(int slot, const Reference& reference);
-  /// What was given for a slot, with our copy of the pixels; null where it is not set.
+  /// The reference of a slot, with the copy of its pixels; null if the slot is not set.
   const Reference* reference(int slot) const;
-  /// One result a pair, in order. Throws Error(invalid_argument) for a slot that is not set, and what the other one throws.
+  /// Aligns targets with keyframes. Returns one result per pair, in order. Throws Error(invalid_argument) for a slot that is
+  /// not set, and the errors of `make` and Aligner.
   std::vector<RefinedAlignment> align(std::span<const Pair> pairs);
 
   const Times& times() const { return times_; }
@@ -68,7 +71,7 @@ class Cascade {
   struct Running {
     std::unique_ptr<Aligner> aligner;
     std::unique_ptr<Refiner> refiner;
-    std::vector<uint64_t> prepared;  ///< a slot each, of Keyframe::version
+    std::vector<uint64_t> prepared;  ///< for each slot, the Keyframe::version that the aligner has
   };
   void start(size_t step);
   void prepare(size_t step, int slot);

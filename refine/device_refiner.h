@@ -10,40 +10,40 @@
 
 namespace iclk {
 
-/// The whole way in the application's command buffer: DeviceAligner::record() and behind it rounds of feature alignment and
-/// pose, all on the device. The pose is refine_pose()'s in single precision: the same loss, whitening, estimate of what the
-/// positions are off by, and proof of a rolling shutter; Ceres on the host (Refiner) is the reference.
-/// Where AlignerOptions::search is on, rivals of an answer are looked for as Refiner does, ICLK_RIVALS at most. Not here:
-/// structure, the target in other grey values than luma's (Recolouring), and doubt of depths that fit no better than a plane.
-/// One thread at a time.
+/// Records alignment and refinement into the application's command buffer: DeviceAligner::record(), then rounds of feature
+/// alignment and pose, all on the device. The pose is that of refine_pose() in single precision, with the same loss, whitening,
+/// noise floor and rolling shutter test; Refiner, which uses Ceres on the host, is the reference. One thread at a time.
+///
+/// If AlignerOptions::search is on, rivals of an answer are searched for as in Refiner, but at most ICLK_RIVALS. Not supported:
+/// structure, grey values other than luma (Recolouring), and the test whether the depths fit better than a plane.
 class DeviceRefiner {
  public:
-  /// `aligner` must outlive the refiner and be of Solver::device. Allocates the kernels, and with a model the grey maps that
-  /// feature alignment needs. Throws Error(invalid_argument) for bad options or RefinerOptions::structure, Error(unsupported)
+  /// `aligner` must outlive the refiner and use Solver::device. Makes the kernels, and with a model allocates the grey maps for
+  /// feature alignment. Throws Error(invalid_argument) for bad options and for RefinerOptions::structure; Error(unsupported)
   /// for plans of more than ICLK_REFINE_FEATURES features.
   explicit DeviceRefiner(DeviceAligner& aligner, const RefinerOptions& options = {});
   ~DeviceRefiner();
 
-  /// Buffers of one record() call. Must outlive the command buffer's last execution.
+  /// Buffers of one record() call. Must outlive the last execution of the command buffer.
   class Recording {
    public:
     virtual ~Recording() = default;
-    /// shaders::RefinedInfo a pair, visible to compute shaders and transfers that follow in the command buffer.
+    /// One shaders::RefinedInfo per pair, visible to later compute shaders and transfers in the command buffer.
     virtual const engine::Buffer& results() const = 0;
-    /// shaders::AlignedInfo: Plan::max_features a pair, the reference's in order; the last round's. Of a pair whose
-    /// RefinedInfo::rounds is 0 they mean nothing.
+    /// The aligned features of the last round: Plan::max_features shaders::AlignedInfo per pair, in the order of the
+    /// reference's features. Undefined for pairs whose RefinedInfo::rounds is 0.
     virtual const engine::Buffer& features() const = 0;
-    /// The alignment that is refined: for the features of references in which the device has chosen them.
+    /// The alignment before refinement. It has the features that the device has chosen.
     virtual const DeviceAligner::Recording& alignment() const = 0;
-    /// After the application waited for its submission: the same results in full. RefinedAlignment::stages have no times.
-    /// Throws nothing but Error(device_lost).
+    /// The complete results; RefinedAlignment::stages have no times. Precondition: the submission of the application has
+    /// ended. Throws only Error(device_lost).
     virtual std::vector<RefinedAlignment> read() const = 0;
   };
 
-  /// Throws Error(invalid_argument) beyond the plan's pairs.
+  /// Throws Error(invalid_argument) for more pairs than the plan has.
   std::unique_ptr<Recording> make_recording(int max_pairs = 1);
 
-  /// DeviceAligner::record() and the refinement of what it finds; the same contract, and the same that throws.
+  /// Records DeviceAligner::record() and the refinement of its results, with the same preconditions and errors.
   void record(Recording& recording, VkCommandBuffer commands, std::span<const DeviceReference> references,
               std::span<const DevicePair> pairs);
 

@@ -3,11 +3,11 @@
 
 namespace iclk {
 
-/// Weights w for which the target's grey values w . C are most like the reference's: a change of hue or of a camera's white
-/// balance moves what luma weighs from one channel into another, and what is left of it displaces patches.
+/// Weights w with which the target's grey values w . C fit the reference best. Changes of hue or white balance move brightness
+/// between the channels; with luma the remaining difference would displace patches.
 struct Recolouring {
   GreyWeights weights = kLuma;
-  /// What w leaves unexplained of the patches, over what luma leaves; each patch has its own gain and bias.
+  /// The unexplained variation of the patches with w, divided by that with luma; each patch has its own gain and bias.
   double unexplained = 1;
   bool better() const { return weights != kLuma; }
 };

@@ -21,7 +21,7 @@ struct RefinerOptions {
   FeatureAlignmentOptions feature_alignment;
   PoseOptions pose;
   bool structure = false;         ///< refine pose and inverse depths together at the end
-  double relative_sigma = 0.02;   ///< of inverse depths without a sigma, where `structure` refines them
+  double relative_sigma = 0.02;   ///< for `structure`: of inverse depths without a sigma
   int rounds = 3;                 ///< of feature alignment and pose, at most
   double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
 
@@ -53,80 +53,83 @@ struct RefinerOptions {
   void check() const;
 };
 
-/// The pose as a stage left it.
+/// The pose after a stage.
 struct Stage {
   std::string name;  ///< "iclk", "feature_alignment", "pose", "structure"
   SE3 T_10;          ///< feature_alignment: the pose by which it warped, unchanged
   double cost = 0;   ///< iclk: Alignment::cost; the others: mean Cauchy loss of the aligned features at T_10, px^2
-  double ms = 0;     ///< sum over the rounds; a batch's stages are shared evenly by its pairs
+  double ms = 0;     ///< sum over the rounds; the time of a batch is divided evenly among its pairs
 };
 
-/// What one model of a Cascade made of a pair.
+/// The result of one model of a Cascade.
 struct Attempt {
   std::string model;
   Status status = Status::diverged;
   std::string reason;
 };
 
-/// Another pose that the images show as well.
+/// Another pose that fits the images as well.
 struct Rival {
   SE3 T_10;
-  int inliers = 0;  ///< features that agree on it
+  int inliers = 0;  ///< features that agree with it
 };
 
-/// From ICLK to the refined pose, with every step on the way.
+/// The result of ICLK and refinement, with all intermediate steps.
 struct RefinedAlignment {
   Alignment iclk;
   SE3 T_10;  ///< the last trustworthy pose: camera 0 to camera 1
-  /// Of [rho, phi], T_10 = mean Exp(xi); zero unless converged or max_iterations. Where the pose is ICLK's own, Alignment's
-  /// with what errors of the depths add, as far as their sigma is known.
+  /// The covariance of xi = [rho, phi] in T_10 = mean Exp(xi); zero unless converged or max_iterations. For a pose of ICLK
+  /// (`refined` is false) it is Alignment::covariance plus the effect of depth errors, if their sigma is known.
   Matrix6d covariance = Matrix6d::Zero();
-  Status status = Status::diverged;  ///< of the whole way
-  std::string reason;                ///< the status in words, with the numbers that decided it
-  bool refined = false;              ///< pose and covariance are the refinement's, not ICLK's
+  Status status = Status::diverged;  ///< the final status, after all stages
+  std::string reason;                ///< explains the status, with the numbers that decided it
+  bool refined = false;              ///< true: pose and covariance are from the refinement; false: from ICLK
   Recolouring recolouring;           ///< of the target in the rounds after the first
-  std::vector<Stage> stages;         ///< those that ran, in order, one entry a name: the last round's pose, all rounds' time
-  std::vector<AlignedFeature>
-      features;  ///< one a feature of the reference, the last round's; empty if ICLK failed or stands alone
-  std::vector<double> inverse_depth;        ///< one a feature: refined by structure, else as given
-  std::vector<double> inverse_depth_sigma;  ///< one a feature if structure ran, else empty
-  /// rad: how much further the target's camera turned than the reference's while its rows were read; none unless proven. T_10
-  /// is of the middle rows; what `features` found is where the images have it, bent.
+  /// The stages that ran, in order, one entry per name: the pose of the last round, the time of all rounds.
+  std::vector<Stage> stages;
+  /// One per feature of the reference, from the last round; empty if ICLK failed or there was no refinement.
+  std::vector<AlignedFeature> features;
+  std::vector<double> inverse_depth;        ///< one per feature: refined by structure, else as given
+  std::vector<double> inverse_depth_sigma;  ///< one per feature if structure ran, else empty
+  /// The rotation, in rad, of the target's camera minus that of the reference's while the rows were read; empty unless proven.
+  /// T_10 is the pose of the middle rows. The positions in `features` are not corrected.
   std::optional<Eigen::Vector3d> turn;
   int rounds = 0;
-  int visible = 0, aligned = 0,
-      inliers = 0;            ///< features: patch inside image 1 at T_10, of these found, of these within inlier_distance
+  /// The number of features whose patches T_10 projects into image 1, of aligned ones among these, and of those within
+  /// PoseOptions::inlier_distance among these.
+  int visible = 0, aligned = 0, inliers = 0;
   double sigma = 0;           ///< px: robust standard deviation of the reprojection residuals
-  std::vector<Rival> rivals;  ///< with Status::ambiguous: what speaks against T_10, the strongest first
-  /// One a feature: it stands still while the camera moves, as a caption or the own vehicle does. Empty where nothing does. A
-  /// Cascade finds the pose without these.
+  std::vector<Rival> rivals;  ///< with Status::ambiguous: the other poses, the strongest first
+  /// One per feature: it stands still while the camera moves, like a caption or the own vehicle. Empty if there are none. A
+  /// Cascade finds the pose without these features.
   std::vector<bool> fixed;
-  std::string model;              ///< who answered, where a Cascade asked; else empty
-  std::vector<Attempt> attempts;  ///< of a Cascade: those that did not settle the pair, and last the one that answered
+  std::string model;              ///< from a Cascade: the model that answered; else empty
+  std::vector<Attempt> attempts;  ///< from a Cascade: all models that were tried; the last one answered
 
   bool converged() const { return status == Status::converged; }
 };
 
-/// The whole way for pairs: aligner.align(), then rounds of feature alignment and pose, each warping the patches by the better
-/// pose, until the set of aligned features and the pose stand still. References are set on the aligner. In dense mode the
-/// reference carries features besides its inverse depth image: refinement works on them. With a learned model the aligner works
-/// on the maps of its encoder, refinement on the images' grey values as ever.
+/// Aligns and refines pairs: Aligner::align(), then rounds of feature alignment and pose. Each round warps the patches by the
+/// improved pose, until the pose and the set of aligned features do not change. Set references on the aligner. In dense mode a
+/// reference also needs features, which the refinement uses. With a learned model the aligner uses the maps of its encoder; the
+/// refinement always uses grey values.
 ///
-/// The status is converged only on evidence: ICLK ended in converged or max_iterations; enough features were found, and a share
-/// of those visible; they agree on one pose; that pose lies within what feature alignment can correct. Or, with
-/// RefinerOptions::keep_unconfirmed, on ICLK's own, if the features do not speak against it. One thread at a time.
+/// The status is converged only if all of this holds: ICLK ended in converged or max_iterations; enough features, and a
+/// sufficient share of the visible ones, were found; they agree on one pose; that pose is within reach of feature alignment.
+/// With RefinerOptions::keep_unconfirmed, a converged pose of ICLK is enough, unless the features contradict it.
+/// One thread at a time.
 class Refiner {
  public:
   /// `aligner` must outlive the refiner. Throws Error(invalid_argument) for bad options.
   explicit Refiner(Aligner& aligner, const RefinerOptions& options = {});
-  /// The same with a feature aligner of the caller's, for tests.
+  /// The same with a given feature aligner, for tests.
   Refiner(Aligner& aligner, std::unique_ptr<internal::FeatureAligner> feature_aligner, const RefinerOptions& options = {});
   ~Refiner();
 
-  /// Aligner::warm_up(), and the same for feature alignment.
+  /// Compiles the kernels now, like Aligner::warm_up(), including those of feature alignment.
   void warm_up();
 
-  /// One result a pair, in order. Throws what Aligner::align() throws; never for a failed refinement.
+  /// Returns one result per pair, in order. Throws the errors of Aligner::align(), but never for a failed refinement.
   std::vector<RefinedAlignment> align(std::span<const Pair> pairs);
   RefinedAlignment align(const Pair& pair) { return std::move(align(std::span(&pair, 1)).front()); }
 
