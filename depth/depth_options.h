@@ -15,7 +15,7 @@ struct DepthPlan {
   int planes = 128;           ///< of inverse depth, a multiple of 16, 16 to 256
   int views = 1;              ///< beside the reference, at most; 1 to 8
   /// That it may allocate; 0: what the device holds. With less, it walks through strips of rows that overlap by 64, one after
-  /// the other: nearly the same answers (docs/guide/depth.md).
+  /// the other: nearly the same answers (docs/results/depth.md).
   uint64_t most_bytes = 0;
 
   /// Throws Error(invalid_argument) that names the value and its range: also where the longer side times planes / 16 is more

@@ -53,7 +53,7 @@ void compare(DepthMap& map, const Features& sparse, double tolerance);
 void fill(DepthMap& map);
 
 /// A dense depth map of a reference image from views whose poses are known, on a Vulkan device: plane sweep, semi-global
-/// matching, consistency between views, refinement between planes. Nothing is rectified. docs/guide/depth.md says how.
+/// matching, consistency between views, refinement between planes. Nothing is rectified. docs/explain/depth.md says how.
 /// One thread at a time.
 class DepthSweep {
  public:

@@ -8,7 +8,7 @@
 namespace iclk {
 namespace {
 
-// Mean over what the views see. Right inputs have 0.14 to 0.6, 78 of 84 wrong ones less than this (docs/guide/depth.md).
+// Mean over what the views see. Right inputs have 0.14 to 0.6, 78 of 84 wrong ones less than this (docs/results/depth.md).
 constexpr double kLeastConfidence = 0.1;
 constexpr double kLeastSeen = 0.05;
 constexpr double kLeastAgreeing = 0.5;

@@ -38,7 +38,7 @@ def depth_map(
     fill: bool = False,
     device: str | int | None = None,
 ) -> DepthMap:
-    """A dense depth map of an image from 1 to 8 others whose poses are known; docs/guide/depth.md says how.
+    """A dense depth map of an image from 1 to 8 others whose poses are known; docs/explain/depth.md says how.
 
     reference: H x W or H x W x 3 (RGB), uint8, uint16 or float32. views: pairs of such an image, of the same size, and its
     T_10, 4 x 4, which takes points of the reference's camera to its own, metres. K: 3 x 3, or fx, fy, cx, cy; view_K: the
