@@ -15,7 +15,7 @@ enum class Detector {
 
 struct DetectorOptions {
   Detector detector = Detector::shi_tomasi;
-  int count = 200;    ///< the paper has 50; docs/explain/design.md says what more are worth
+  int count = 200;    ///< the paper has 50; docs/results/design.md compares both
   uint64_t seed = 0;  ///< of `random`
   int border = 17;    ///< px: 2 P + 1 for the paper's 8x8 patches; at most a quarter of the image's shorter side is kept free
 

@@ -9,7 +9,7 @@ const char* name(ConvVariant variant) {
   return names[static_cast<int>(variant)];
 }
 
-// The numbers are of lavapipe (docs/explain/convolutions.md). Transforms of whole tiles are paid once a layer. They pay where
+// The numbers are of lavapipe (docs/results/convolutions.md). Transforms of whole tiles are paid once a layer. They pay where
 // many products follow, and where there are enough tiles that threads need not transform the same ones.
 ConvVariant choose_variant(const ConvShape& shape, engine::DeviceType type) {
   if (type != engine::DeviceType::cpu) return ConvVariant::direct;

@@ -27,7 +27,7 @@ using uint = uint32_t;
 // Share of a depth's sigma that all depths have in common.
 #define ICLK_COMMON_DEPTH 0.5
 // px: what the maps of learned models are off by together where no grey values confirm them. Under severe changes the errors
-// of 200 features do not average out. Chosen on the Alps and on orbits (docs/explain/design.md).
+// of 200 features do not average out. Chosen on the Alps and on orbits (docs/results/covariance.md).
 #define ICLK_MAP_SIGMA 0.12
 
 // Inliers that lie within so much of one line, as a share of the image's height, do not determine the pose: each may slide
