@@ -23,30 +23,31 @@ struct RefinerOptions {
   bool structure = false;         ///< refine pose and inverse depths together at the end
   double relative_sigma = 0.02;   ///< for `structure`: of inverse depths without a sigma
   int rounds = 3;                 ///< of feature alignment and pose, at most
-  double round_tolerance = 0.01;  ///< px: rounds end when the pose moves no feature by more and the same features are aligned
+  double round_tolerance = 0.01;  ///< px: rounds end when no feature moves by more and the same features are aligned
 
-  /// Threads that solve the poses of a batch, the caller's among them; 0: one a core that the process may use, at most one a
-  /// pair. The bits of a result do not depend on it.
+  /// The number of threads that solve the poses of a batch, including the caller's; 0: one per usable core, at most one per
+  /// pair. Results are bit-identical for any number.
   int threads = 0;
 
-  /// Where the features prove that the target is bent, since its camera turned otherwise than the reference's while the rows
-  /// were read, the bend is taken out of their positions before the pose is stated. Where they do not, the covariance allows
+  /// Corrects for a rolling shutter. If the camera turned differently in both images while their rows were read, the target is
+  /// bent. If the features prove this, their positions are corrected before the pose is computed. Else the covariance allows
   /// for it: pair_turn().
   bool rolling_shutter = true;
 
-  // What a converged result has to show.
-  int min_inliers = 10;  ///< features that were aligned and agree on the pose within PoseOptions::inlier_distance
-  /// Inliers over the features with texture whose patch the final pose puts inside image 1. On hololens_80 and tum_fr1_360_5,
-  /// started 1 to 60 px off, 94 % of the poses within 2.5 px of the truth pass (488 tries), and 1 of 537 that are more than 4
-  /// px wrong where the features are.
+  // Requirements of a converged result.
+  int min_inliers = 10;  ///< aligned features that agree with the pose within PoseOptions::inlier_distance
+  /// The smallest share of inliers among the textured features whose patches the final pose projects into image 1. Measured on
+  /// hololens_80 and tum_fr1_360_5 from starts 1 to 60 px off: 94 % of 488 poses within 2.5 px of the truth pass, and 1 of 537
+  /// poses that are more than 4 px wrong at the features.
   double min_inlier_share = 0.35;
-  /// Of the inliers that the answer alone explains: if another pose alone explains a larger share, the status is ambiguous.
+  /// Another pose makes the status ambiguous if it has too many features that the answer does not explain: more than this
+  /// share of the features that only the answer explains.
   double max_rival_share = 0.4;
-  double max_correction = 16;  ///< px, median over the features: the most that the rounds may move the pose that ICLK found
+  double max_correction = 16;  ///< the largest change of ICLK's pose by all rounds: px, median over the features
 
-  /// Where too few features can be found to confirm or refute a pose on which ICLK converged, ICLK's pose, covariance and
-  /// status stand. For learned models: their maps are alike where grey values are not. In the classical mode both see the same,
-  /// and what one cannot confirm the other should not claim.
+  /// If too few features are found to confirm or refute a pose on which ICLK converged, keep ICLK's pose, covariance and
+  /// status. Useful with learned models, whose maps may agree where grey values do not. In the classical mode both use grey
+  /// values, so an unconfirmed pose should not be claimed.
   bool keep_unconfirmed = false;
 
   /// Throws Error(invalid_argument) that names the value and its range.
