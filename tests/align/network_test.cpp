@@ -4,9 +4,9 @@
 #include <algorithm>
 #include <cmath>
 
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/network/m_estimator.h>
 #include <iclk/align/network/network.h>
-#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/engine/error.h>
 
 #include "random_model.h"

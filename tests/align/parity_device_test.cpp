@@ -1,10 +1,10 @@
 // The Vulkan solvers against the executable specification and against the CPU reference.
 #include <gtest/gtest.h>
 
+#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/device/parts.h>
 #include <iclk/align/device/stages.h>
 #include <iclk/align/device_aligner.h>
-#include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/align/solver/jacobian.h>
 #include <iclk/align/solver/mask.h>
 

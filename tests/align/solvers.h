@@ -5,8 +5,8 @@
 
 #include <gtest/gtest.h>
 
-#include <iclk/align/device_aligner.h>
 #include <iclk/align/cpu/cpu_aligner.h>
+#include <iclk/align/device_aligner.h>
 
 #include "device.h"
 #include "relief.h"

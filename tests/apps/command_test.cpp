@@ -238,10 +238,10 @@ TEST_F(Command, BadInputHasItsCodeAndNamesTheFile) {
 }
 
 TEST_F(Command, WrongSettingsAreWrongUsageAndTheLastOneCounts) {
-  for (const auto& [word, said] : {std::pair{"level=3", "refine-rounds"}, std::pair{"levels", "NAME=VALUE"},
-                                   std::pair{"levels=3.5", "a whole number"}, std::pair{"levels=", "a whole number"},
-                                   std::pair{"levels=1e30", "a whole number"}, std::pair{"refine=true", "yes or no"},
-                                   std::pair{"carry=nan", "a number"}, std::pair{"robust=l1", "tukey"}}) {
+  for (const auto& [word, said] :
+       {std::pair{"level=3", "refine-rounds"}, std::pair{"levels", "NAME=VALUE"}, std::pair{"levels=3.5", "a whole number"},
+        std::pair{"levels=", "a whole number"}, std::pair{"levels=1e30", "a whole number"},
+        std::pair{"refine=true", "yes or no"}, std::pair{"carry=nan", "a number"}, std::pair{"robust=l1", "tukey"}}) {
     const Finished f = run(align({"--set", word}));
     EXPECT_EQ(f.code, kUsage) << word;
     EXPECT_NE(f.err.find(word), std::string::npos) << f.err;

@@ -326,6 +326,36 @@ TEST(Renderer, RecordsIntoForeignCommands) {
       ErrorCode::invalid_argument, {"12288", "19200"});
 }
 
+// The code of docs/guide/render.md (tests/session/readme_test.cpp).
+TEST(Renderer, CodeOfTheGuideWorks) {
+  ICLK_NEED_DEVICE();
+  const auto context = test::device();
+  const Camera camera{60, 60, 31.5, 23.5, 64, 48};
+  const SE3 T_WC = looking_down({500, 500, 300});
+  engine::MemoryPlan plan;
+  const auto kind = engine::MemoryKind::readback;
+  const engine::BufferId ids[2] = {plan.add("rgba", 64 * 48 * 4, kind, engine::BufferUse::storage),
+                                   plan.add("depth", 64 * 48 * 4, kind, engine::BufferUse::storage)};
+  const engine::Workspace memory(context, plan);
+  const engine::Buffer &rgba = memory[ids[0]], &depth = memory[ids[1]];
+  engine::ArenaSize size;
+  TerrainRenderer(context, std::make_shared<Terrain>(procedural_terrain({.seed = 7, .size = 100}))).add_to(size);
+  engine::DescriptorArena arena(context, size);
+  engine::Submission submission(context);
+  engine::Recorder recorder(submission, arena);
+  // README
+  auto terrain =
+      std::make_shared<iclk::Terrain>(iclk::procedural_terrain({.seed = 7}));  // or load_terrain(), with iclk_geotiff
+  iclk::TerrainRenderer renderer(context, terrain);
+  iclk::View view = renderer.render(camera, T_WC);       // waits; view.image() goes into Reference or Pair as it is
+  renderer.record(recorder, camera, T_WC, rgba, depth);  // or into your own commands and buffers
+  // end
+  recorder.host_read({&depth});
+  submission.end();
+  submission.submit_and_wait();
+  EXPECT_EQ(std::memcmp(view.depth.data(), depth.mapped, view.depth.size() * 4), 0);
+}
+
 TEST(Renderer, RefusesWhatCannotBe) {
   ICLK_NEED_DEVICE();
   const Terrain good = make_terrain(

@@ -90,8 +90,8 @@ TEST(DepthSweep, ShadersEqualTheirTwins) {
   EXPECT_EQ(volume, costs_of(census_a, census_b, kWidth, kHeight, kPlanes));
   const int ways[8][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
   for (int i = 0; i < 8; ++i)
-    EXPECT_EQ(internal::DepthStages::path(sweep, i),
-              path_of(volume, a, kPlanes, ways[i][0], ways[i][1], options)) << "path " << i;
+    EXPECT_EQ(internal::DepthStages::path(sweep, i), path_of(volume, a, kPlanes, ways[i][0], ways[i][1], options))
+        << "path " << i;
 }
 
 TEST(DepthSweep, PlanesOfKnownInverseDepth) {

@@ -9,9 +9,9 @@
 #include <Eigen/LU>
 
 #include <iclk/engine/error.h>
-#include <iclk/rig/internal/common_pose.h>
 #include <iclk/rig/flex.h>
 #include <iclk/rig/internal/chain.h>
+#include <iclk/rig/internal/common_pose.h>
 
 namespace iclk {
 namespace {
