@@ -6,9 +6,9 @@
 
 namespace iclk {
 
-/// The device that `wish` names by index, part of the name or UUID; empty: ICLK_DEVICE, else the best. Pipelines that its
-/// driver compiles are kept in $XDG_CACHE_HOME/iclk, else $HOME/.cache/iclk, for later runs, where the driver allows that.
-/// Throws what engine::create_context() throws.
+/// Opens the device that `wish` names by index, part of its name or UUID. Empty: the environment variable ICLK_DEVICE, else the
+/// best device. Compiled pipelines are saved in `$XDG_CACHE_HOME/iclk`, else `$HOME/.cache/iclk`, for later runs, if the driver
+/// supports it. Throws the errors of engine::create_context().
 std::shared_ptr<engine::Context> open_device(std::string wish = {});
 
 }  // namespace iclk

@@ -7,14 +7,15 @@
 
 namespace iclk {
 
-/// No covariance is not a covariance of zero: a refinement that ends in max_iterations has none.
+/// Whether the result has a covariance. A refinement that ends in max_iterations has none, which is not a covariance of zero.
 bool has_covariance(const RefinedAlignment& result);
 
-/// The status of feature i as JSON, pictures and Python state it: a FeatureStatus, the FeatureCheck of a rejected one, or
-/// without refinement "projected" or "out_of_image".
+/// The status of feature i for JSON, pictures and Python: a FeatureStatus, or the FeatureCheck of a rejected feature. Without
+/// refinement: "projected" or "out_of_image".
 std::string feature_status(const Camera& camera, const Features& features, const RefinedAlignment& result, int i);
 
-/// Where feature i came to lie in image 1: aligned, else projected by the final pose. False if it has no position.
+/// Sets uv1 to the position of feature i in image 1: the aligned one, else its projection by the final pose. Returns false if
+/// it has no position.
 bool feature_position(const Camera& camera, const Features& features, const RefinedAlignment& result, int i,
                       Eigen::Vector2d& uv1);
 

@@ -1,4 +1,4 @@
-// All that aligning takes, under one name: #include <iclk/iclk.h>, and link iclk::session.
+// Everything for alignment: #include <iclk/iclk.h>, and link iclk::session.
 #pragma once
 #include <iclk/engine/error.h>
 #include <iclk/session/align.h>

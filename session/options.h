@@ -13,11 +13,11 @@
 
 namespace iclk {
 
-/// Where a pair begins. automatic: at its first guess; a pair without one is searched.
+/// Where the alignment of a pair starts.
 enum class SearchMode {
-  automatic,
-  on,   ///< search every pair: match its features in the whole target
-  off,  ///< begin at the first guess, or without one at no motion
+  automatic,  ///< at the first guess; without one, search
+  on,         ///< always search: match the features in the whole target
+  off,        ///< at the first guess; without one, at the identity
 };
 
 /// One model and how to align with it.
@@ -26,13 +26,13 @@ struct ModelStage {
   std::shared_ptr<const Model> model = nullptr;  ///< null: the classical mode
 };
 
-/// How to align. The defaults are those of `iclk align`; what has no value is the model's, or the classical mode's.
+/// How to align. The defaults are those of `iclk align`. Empty values are set by the model, or by the classical mode.
 struct SessionOptions {
-  /// "classical", a model's name or file, or "auto": the classical mode, then sd6dof-small, then sd6dof, each for the pairs
-  /// that did not converge before.
+  /// "classical", the name or file of a model, or "auto". "auto" uses the classical mode, then sd6dof-small, then sd6dof, each
+  /// for the pairs that have not converged.
   std::string model = default_model();
-  std::vector<std::string> model_folders = iclk::model_folders();  ///< where models lie that are named without a path
-  /// A Vulkan device: index, part of its name, or UUID. Empty: ICLK_DEVICE, else the best. "cpu": Solver::cpu.
+  std::vector<std::string> model_folders = iclk::model_folders();  ///< searched for models named without a path
+  /// A Vulkan device: index, part of its name, or UUID. Empty: ICLK_DEVICE, else the best device. "cpu": Solver::cpu.
   std::string device = {};
   Solver solver = Solver::host;
   SearchMode search = SearchMode::automatic;
@@ -42,29 +42,30 @@ struct SessionOptions {
   std::optional<Robust> robust = {};
   std::optional<bool> photometric = {};
   Damping damping = Damping::fixed;
-  /// Models with options of your own. Unless empty, they replace `model` and all that stands between it and here.
+  /// Models with their own options. Unless empty, they replace the fields above that set models and AlignerOptions.
   std::vector<ModelStage> stages = {};
 
   bool dense = false;           ///< align every pixel with depth, not patches; references need Reference::inverse_depth
-  bool refine = true;           ///< false: ICLK's own answer counts
+  bool refine = true;           ///< false: the answer is the pose of ICLK
   RefinerOptions refiner = {};  ///< keep_unconfirmed is set for each model: true with a learned one
 
-  DetectorOptions detector = {};  ///< of features that a session chooses
-  DepthSigma depth_sigma = {};    ///< of features without a sigma of their own; see Session::align()
-  int batch = 1;                  ///< pairs on the device at a time; more are split
-  int references = 1;             ///< keyframes held at a time, in slots 0 to references - 1
-  bool profile = false;           ///< keep the times of the device's stages: Session::stage_times()
+  DetectorOptions detector = {};  ///< for features that the session chooses
+  DepthSigma depth_sigma = {};    ///< for features without a sigma; see Session::align()
+  int batch = 1;                  ///< pairs on the device at a time; larger calls are split
+  int references = 1;             ///< the number of keyframes, in slots 0 to references - 1
+  bool profile = false;           ///< measure the stages on the device: Session::stage_times()
 };
 
-/// The models in the order in which a session asks them; reads their files. Throws Error(invalid_argument) that names a bad
-/// value, Error(io) for a model that is not there.
+/// Reads the models, in the order in which a session uses them. Throws Error(invalid_argument) that names a bad value,
+/// Error(io) for a missing model.
 std::vector<ModelStage> make_stages(const SessionOptions& options);
 
-/// The model's own name, or "classical" for null; "auto" for several.
+/// The name of the model, or "classical" for null.
 std::string model_name(const Model* model);
+/// The name of the only model, or "auto" for several.
 std::string model_name(const std::vector<ModelStage>& stages);
 
-/// From the words of the command line. Each throws Error(invalid_argument) that lists the words.
+/// Parse the words of the command line. Each throws Error(invalid_argument) that lists the words.
 Solver parse_solver(const std::string& name);
 SearchMode parse_search(const std::string& name);
 Robust parse_robust(const std::string& name);

@@ -6,15 +6,15 @@
 
 namespace iclk {
 
-/// A feature file: a header line `u,v,depth[,sigma]` or `u,v,inverse_depth[,sigma]`, then a feature a line. Columns may stand
-/// in any order; others are ignored; '#' opens a comment line. `sigma` is the standard deviation of the column that gives the
-/// depth, in its unit. A value may be nan or inf: the feature is then kept and rejected later, with a verdict.
-/// Throws Error(io) for an unreadable file, Error(invalid_argument) "<file>:<line>: ..." otherwise.
+/// Loads a feature file: a header line `u,v,depth[,sigma]` or `u,v,inverse_depth[,sigma]`, then one feature per line. Columns
+/// may have any order, and other columns are ignored. Lines that begin with '#' are comments. `sigma` is the standard deviation
+/// of the depth or inverse depth, in the same unit. Features with nan or inf are kept; set_reference() rejects them with a
+/// verdict. Throws Error(io) for an unreadable file, else Error(invalid_argument) "`file`:`line`: ...".
 Features load_features(const std::string& path);
-/// Of the text of such a file; `name` stands for the file in messages.
+/// Parses the text of a feature file; messages call the file `name`.
 Features parse_features(std::string_view text, const std::string& name);
 
-/// The text of such a file: u,v,depth.
+/// The text of a feature file with the columns u,v,depth.
 std::string features_csv(const Features& features);
 
 }  // namespace iclk

@@ -6,11 +6,12 @@
 
 namespace iclk {
 
-/// A COLMAP cameras.txt with one camera, or several that are the same: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV,
-/// OPENCV_FISHEYE, FULL_OPENCV. False where the text is none. Throws Error(invalid_argument) that begins with `file.source`.
+/// Reads a COLMAP cameras.txt with one camera, or several equal ones: SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV,
+/// OPENCV_FISHEYE, FULL_OPENCV. Returns false if the text has another format. Throws Error(invalid_argument) that begins with
+/// `file.source`.
 bool read_colmap(std::string_view text, CameraFile& file);
 
-/// The name of a format of cameras that iclk does not read; empty where it knows none.
+/// The name of a known camera format that iclk does not read; empty: unknown.
 std::string foreign_format(std::string_view text);
 
 }  // namespace iclk

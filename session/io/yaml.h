@@ -6,14 +6,14 @@
 
 namespace iclk {
 
-/// The part of YAML that camera files are written in: nested maps by indentation, scalars, flow sequences `[a, b]` (over
-/// several lines, nested ones flattened), block sequences of scalars, comments, tags, quotes. Kalibr, EuRoC, ROS, OpenCV.
+/// The subset of YAML that camera files of Kalibr, EuRoC, ROS and OpenCV use: nested maps by indentation, scalars, flow
+/// sequences `[a, b]` (over several lines; nested ones are flattened), block sequences of scalars, comments, tags, quotes.
 class Yaml {
  public:
-  /// Throws Error(invalid_argument) "<path>:<line>: ..." for what is not of that kind.
+  /// Throws Error(invalid_argument) "`path`:`line`: ..." for other YAML.
   Yaml(std::string_view text, const std::string& path);
 
-  /// Values under a dotted key ("cam0.intrinsics"); nullptr where it is missing.
+  /// The values of a dotted key ("cam0.intrinsics"); nullptr if it is missing.
   const std::vector<std::string>* find(const std::string& key) const;
   bool has_children(const std::string& key) const;
 
@@ -26,8 +26,8 @@ class Yaml {
   std::map<std::string, Value> values_;
 };
 
-/// The text that `yaml` was read from with another value of that dotted key, or, where `value` is empty, without key and value.
-/// All else stays, comments among the value's lines too. A key that is not there changes nothing.
+/// Returns `text`, from which `yaml` was parsed, with a new value of a dotted key. An empty `value` removes the key. All other
+/// text is unchanged, including comments between the lines of the value. A missing key changes nothing.
 std::string with_value(const std::string& text, const Yaml& yaml, const std::string& key, const std::string& value);
 
 }  // namespace iclk
