@@ -21,61 +21,61 @@ namespace internal {
 struct DepthStages;
 }
 
-/// An image beside the reference.
+/// A view beside the reference.
 struct DepthSource {
   ImageView image;
   Camera camera;
-  SE3 T_10;  ///< takes points of the reference's camera to this one, X_1 = T_10 X_0; metres
+  SE3 T_10;  ///< the camera of the reference to this camera, X_1 = T_10 X_0; metres
 };
 
-/// Of the reference's pixels.
+/// The result, for the pixels of the reference.
 struct DepthMap {
-  Map inverse_depth;  ///< 1/m; 0: none
-  Map confidence;     ///< share by which the second best plane is worse, 0 to 1; 0 without inverse depth, and outside all views
+  Map inverse_depth;  ///< 1/m; 0: unknown
+  Map confidence;     ///< share by which the second best plane is worse, 0 to 1; 0 without inverse depth and outside all views
   double valid = 0;   ///< share of pixels that have an inverse depth
-  double seen = 0;    ///< share of pixels that a view sees, in the mean over the planes
+  double seen = 0;    ///< share of pixels that a view sees, averaged over the planes
   /// Share of the sparse depths that the map confirms; NaN: unknown.
   double agreeing = std::numeric_limits<double>::quiet_NaN();
-  /// converged; low_overlap: the views hardly see the reference; degenerate: hardly a plane matches better than others, as it
-  /// is where a pose is wrong; diverged: the map contradicts most sparse depths.
+  /// converged; low_overlap: the views hardly see the reference; degenerate: hardly any plane matches better than others, which
+  /// suggests a wrong pose; diverged: the map contradicts most sparse depths.
   Status status = Status::degenerate;
-  std::string reason = {};  ///< the status in words
+  std::string reason = {};  ///< explains the status
 };
 
-/// Compares a map with sparse depths of the reference and says what comes of it in `agreeing`, `reason` and, where most
-/// contradict it by more than `tolerance` (1/m) and 5 %, in `status`. It looks beside each sparse depth, where a prior has no
-/// say. Fewer than 8 that have answers beside them say nothing. compute() does so with its priors.
+/// Compares a map with sparse depths of the reference and sets `agreeing` and `reason`. If most of them contradict the map by
+/// more than `tolerance` (1/m) and 5 %, it sets `status` to diverged. It uses pixels beside each sparse depth, which priors do
+/// not affect. With fewer than 8 usable sparse depths it sets nothing. compute() calls it with its priors.
 void compare(DepthMap& map, const Features& sparse, double tolerance);
 
-/// Gives pixels without an inverse depth one, of what lies around: along eight ways the nearest answers are looked for, and the
-/// second least inverse depth is taken, since what is hidden in the views lies behind what hides it. Their confidence stays 0.
-/// A map without any answer stays as it is.
+/// Fills pixels without an inverse depth. Of the nearest known values in eight directions it takes the second smallest inverse
+/// depth, because hidden surfaces lie behind the ones that hide them. The confidence stays 0. A map without any inverse depth
+/// is unchanged.
 void fill(DepthMap& map);
 
-/// A dense depth map of a reference image from views whose poses are known, on a Vulkan device: plane sweep, semi-global
-/// matching, consistency between views, refinement between planes. Nothing is rectified. docs/explain/depth.md says how.
+/// Computes dense depth maps of a reference image from views with known poses, on a Vulkan device: plane sweep, semi-global
+/// matching, consistency between views, refinement between planes. Images are not rectified. See docs/explain/depth.md.
 /// One thread at a time.
 class DepthSweep {
  public:
-  /// Allocates everything. Throws Error(invalid_argument) of DepthPlan::check() and DepthOptions::check(), Error(unsupported)
-  /// with the numbers for what the device or DepthPlan::most_bytes cannot hold even in strips, Error(out_of_memory).
+  /// Allocates all memory. Throws the errors of DepthPlan::check() and DepthOptions::check(); Error(unsupported) with the
+  /// numbers if the device or DepthPlan::most_bytes is too small even for strips; Error(out_of_memory).
   DepthSweep(std::shared_ptr<const engine::Context> context, const DepthPlan& plan, const DepthOptions& options = {});
   ~DepthSweep();
   DepthSweep(DepthSweep&&) noexcept;
   DepthSweep& operator=(DepthSweep&&) noexcept;
 
-  /// Bytes that a DepthSweep of this plan allocates. Throws as the constructor does, but for memory.
+  /// The bytes that a DepthSweep of this plan allocates. Throws the errors of the constructor, except Error(out_of_memory).
   static engine::MemoryBytes memory(const engine::Context& context, const DepthPlan& plan);
 
-  /// Computes and waits. Images have the plan's size, sources are 1 to DepthPlan::views. `priors` may be empty; those outside
-  /// the image, and those whose inverse depth is not positive and finite, are passed over. Throws Error(invalid_argument) that
-  /// names the image: another size, an invalid camera, a pose that is not finite or does not move the camera;
+  /// Computes a depth map and waits for it. Images must have the size of the plan; 1 to DepthPlan::views sources. `priors` may
+  /// be empty; those outside the image or without a positive, finite inverse depth are ignored. Throws Error(invalid_argument)
+  /// that names the image for a wrong size, an invalid camera, and a pose that is not finite or does not move the camera;
   /// Error(device_lost).
   DepthMap compute(const ImageView& reference, const Camera& camera, std::span<const DepthSource> sources,
                    const DepthRange& range, const Features& priors = {});
 
   const DepthPlan& plan() const;
-  int strips() const;  ///< that the rows are taken in; 1: all at once
+  int strips() const;  ///< the number of strips of rows; 1: the whole image at once
   /// Device time by stage, summed over the calls.
   const std::vector<engine::StageTime>& times() const;
 

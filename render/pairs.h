@@ -8,24 +8,24 @@
 
 namespace iclk {
 
-/// Which cameras are drawn. The defaults start as far from the truth as the paper's pairs: 34 px, 4.9 m and 0.075 rad in the
-/// mean.
+/// Which camera poses are drawn. With the defaults, pairs start as far from the truth as the paper's pairs: 34 px, 4.9 m and
+/// 0.075 rad on average.
 struct PairOptions {
   Camera camera{455, 455, 375.5, 239.5, 752, 480};
   double altitude_min = 100, altitude_max = 180;  ///< m above the ground below the first camera
   double tilt = 15 * 0.017453292519943295;        ///< rad from straight down, at most
-  double translation = 5.1;                       ///< m; each component of the perturbation lies in -this .. this
-  double rotation = 0.078;                        ///< rad; the same of the rotation vector
-  /// rad. Where the maximum is not 0, pairs lie on an orbit: both cameras stand level, equally far from a point on the ground
-  /// and up to `tilt` from straight above it, and look at it from azimuths that differ by so much, to either side. The second
-  /// one's height differs by up to a quarter and it is turned by the perturbation's rotation; `translation` is not used.
+  double translation = 5.1;                       ///< m; each component of the perturbation is in [-translation, translation]
+  double rotation = 0.078;                        ///< rad; the same for the rotation vector
+  /// Orbits, if orbit_max is not 0. Both cameras are level and look at a point on the ground, equally far from it and up to
+  /// `tilt` from straight above it. Their azimuths differ by orbit_min to orbit_max (rad), to either side. The height of the
+  /// second camera differs by up to a quarter, and `rotation` perturbs it; `translation` is not used.
   double orbit_min = 0, orbit_max = 0;
-  double start_min = 0, start_max = INFINITY;  ///< px between where the views show the same ground, in the mean over camera 0
-  double nearest = 0.3;                        ///< no ground nearer than this share of the altitude
-  MapBox region{0, 0, 1, 1};                   ///< of the terrain's extent, in fractions from its south-west corner
+  double start_min = 0, start_max = INFINITY;  ///< px between the same ground in both views, mean over camera 0
+  double nearest = 0.3;                        ///< no ground is nearer than this share of the altitude
+  MapBox region{0, 0, 1, 1};                   ///< of the terrain's extent, as fractions from its south-west corner
   uint64_t seed = 0;
-  Lens lens;  ///< of `camera`, through which both views are taken
-  /// Where it is set, camera 1 is the second one of a rig: T_10 is the rig's, no perturbation and no orbit is drawn.
+  Lens lens;  ///< of `camera`, for both views
+  /// If set, camera 1 is the second camera of a rig with a given T_10; no perturbation and no orbit is drawn.
   struct Second {
     Camera camera;
     Lens lens;
@@ -37,35 +37,34 @@ struct PairOptions {
   void check() const;
 };
 
-/// Two views whose fields of view lie in the region and see ground with a picture in every pixel to which the lens shows
-/// anything.
+/// Two views inside the region. Every pixel in the domain of the lens sees ground with a picture.
 struct RenderedPair {
   SE3 T_W0, T_W1;  ///< camera to map
   SE3 T_10;        ///< camera 0 to camera 1, the truth
   View view0, view1;
-  double altitude = 0;  ///< m above ground, of camera 0; on an orbit above the point that it looks at
+  double altitude = 0;  ///< m of camera 0 above the ground below it, or on an orbit above the point that it looks at
 };
 
-/// Draws pairs: position, altitude, heading, tilt and roll of the first camera are uniform, the second camera is the first one
-/// perturbed in its own frame by a translation and a rotation vector of uniform components, or both lie on an orbit
-/// (PairOptions::orbit_max). Pairs of which a view leaves the region, meets missing data or comes too near to the ground, and
-/// those that start elsewhere than PairOptions wants, are drawn again.
+/// Draws random pairs. Position, altitude, heading, tilt and roll of the first camera are uniform. The second camera is the
+/// first one, perturbed in its own frame by a translation and a rotation vector of uniform components. Or both lie on an orbit
+/// (PairOptions::orbit_max). A pair is drawn again if a view leaves the region, sees missing data or is too near to the ground,
+/// or if its start is outside the limits of PairOptions.
 class PairSource {
  public:
   /// Why poses were drawn again.
   struct Rejected {
     int64_t draws = 0;
-    int64_t outside = 0;   ///< a view left the region or met missing data
+    int64_t outside = 0;   ///< a view left the region or saw missing data
     int64_t too_near = 0;  ///< ground nearer than PairOptions::nearest
     int64_t start = 0;     ///< a start outside PairOptions::start_min .. start_max
     std::string text() const;
   };
 
-  /// `renderer` must outlive it. Throws as PairOptions::check, and Error(invalid_argument) for a region in which nothing lies.
+  /// `renderer` must outlive it. Throws the errors of PairOptions::check(), and Error(invalid_argument) for an empty region.
   PairSource(TerrainRenderer& renderer, const PairOptions& options);
 
-  /// Pair `index` of the set that the seed stands for, whatever was drawn before. Throws Error(invalid_argument) with what the
-  /// field of view needs and what the region has if no pair is found.
+  /// Draws pair `index` of the set of this seed; it does not depend on earlier draws. If no pair is found, throws
+  /// Error(invalid_argument) with the sizes of the field of view and of the region.
   RenderedPair draw(uint64_t index);
 
   const Rejected& rejected() const { return rejected_; }
@@ -73,22 +72,22 @@ class PairSource {
 
  private:
   class Random;
-  /// A camera, and one that has few pixels of its whole view.
+  /// A camera, and a copy of it with few pixels for quick tests.
   struct Eye {
     Camera camera, quick;
     Lens lens;
-    std::vector<Eigen::Vector2d> rays, quick_rays;  ///< (x, y) of every pixel, NaN where the lens shows nothing
+    std::vector<Eigen::Vector2d> rays, quick_rays;  ///< (x, y) of every pixel, NaN outside the domain of the lens
     Eye(const Camera& camera, const Lens& lens);
   };
   bool acceptable(const View& view, const std::vector<Eigen::Vector2d>& rays, const SE3& T_WC, double nearest);
-  /// Poses and altitude, without views; false where the map has no ground.
+  /// Draw poses and altitude, without views. They return false if the map has no ground there.
   bool draw_perturbed(Random& random, RenderedPair& pair) const;
   bool draw_orbit(Random& random, RenderedPair& pair) const;
 
   TerrainRenderer& renderer_;
   PairOptions options_;
   MapBox region_;
-  std::vector<Eye> eyes_;  ///< camera 0, and camera 1 where it is another
+  std::vector<Eye> eyes_;  ///< camera 0, and camera 1 if it differs
   Rejected rejected_;
 };
 

@@ -7,19 +7,19 @@ namespace iclk {
 
 struct ProceduralOptions {
   uint64_t seed = 0;
-  double size = 1024;         ///< m of a side; the map begins at (0, 0)
-  double mosaic_step = 0.25;  ///< m a texel
+  double size = 1024;         ///< m per side; the map begins at (0, 0)
+  double mosaic_step = 0.25;  ///< m per texel
   double relief_step = 1;     ///< m between heights
-  double relief = 120;        ///< m between valleys and tops, about
-  int threads = 0;            ///< 0: one a core
+  double relief = 120;        ///< m between valleys and hilltops, about
+  int threads = 0;            ///< 0: one per core
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
 };
 
-/// A landscape made in code: hills with meadows, ploughed fields with hedges, roads, villages with gabled roofs, woods of
-/// single crowns; texture at every scale from the map's down to a texel's. Roofs and crowns stand above the ground. The same
-/// options give the same terrain, on any number of threads. Throws as ProceduralOptions::check.
+/// Generates a landscape: hills with meadows, ploughed fields with hedges, roads, villages with gabled roofs, woods of separate
+/// crowns. It has texture at every scale from the map to a texel. Roofs and crowns rise above the ground. Equal options give
+/// equal terrain, with any number of threads. Throws the errors of ProceduralOptions::check().
 Terrain procedural_terrain(const ProceduralOptions& options);
 
 }  // namespace iclk

@@ -17,43 +17,43 @@ struct MapBox {
   double height() const { return top - bottom; }
   bool contains(double x, double y) const { return x >= left && x <= right && y >= bottom && y <= top; }
   MapBox intersection(const MapBox& other) const;
-  /// "x 500 to 1500, y 0 to 1000".
+  /// For example "x 500 to 1500, y 0 to 1000".
   std::string text() const;
 };
 
-/// Where the pixels of a north-up raster lie on the map: x east, y north, metres. Pixels are areas; a value stands for the
-/// centre of its pixel.
+/// The position of a north-up raster on the map: x east, y north, metres. Pixels are areas; a value belongs to the centre of
+/// its pixel.
 struct Grid {
   int width = 0, height = 0;      ///< pixels
-  double left = 0, top = 0;       ///< outer corner of the first pixel
-  double step_x = 1, step_y = 1;  ///< m of a pixel, positive; the next row lies further south
+  double left = 0, top = 0;       ///< m, outer corner of the first pixel
+  double step_x = 1, step_y = 1;  ///< m per pixel, positive; the next row lies further south
 
-  /// Outer edges.
+  /// The box of the outer edges.
   MapBox box() const { return {left, top - height * step_y, left + width * step_x, top}; }
-  /// Between the centres of the outermost pixels: where four neighbours are around a place.
+  /// The box of the centres of the outermost pixels: interpolation inside it has four neighbours.
   MapBox centres() const;
-  /// Column and row; a pixel's centre is at whole numbers.
+  /// Column and row of a point of the map; pixel centres are whole numbers.
   Eigen::Vector2d pixel(double x, double y) const { return {(x - left) / step_x - 0.5, (top - y) / step_y - 0.5}; }
 };
 
-/// Ground and what it looks like: heights and a mosaic of photographs, each on its own grid, in one map frame in metres (x
-/// east, y north, z up). The ground is the surface of bilinear patches between the heights' centres.
+/// Ground and its appearance: heights and a mosaic of photographs, each on its own grid, in one map frame in metres (x east,
+/// y north, z up). The ground consists of bilinear patches between the centres of the heights.
 struct Terrain {
   Grid relief;
   std::vector<float> height;  ///< m, row-major; NaN: no data
   Grid mosaic;
   std::vector<uint32_t> rgba;  ///< row-major, R in the lowest byte; alpha 0: no data, 255: data
 
-  /// Where there can be ground and a picture of it.
+  /// The part of the map that both grids cover.
   MapBox extent() const { return relief.centres().intersection(mosaic.box()); }
-  /// Height of the ground; nothing outside the relief and where one of the four heights around is missing.
+  /// The height of the ground; nothing outside the relief and where one of the four surrounding heights is missing.
   std::optional<double> height_at(double x, double y) const;
 
-  /// Of grids, heights and pixels: tells whether two terrains are the same. Not against malice.
+  /// A hash of grids, heights and pixels, to compare terrains. It is not secure against deliberate collisions.
   uint64_t hash() const;
 
-  /// Throws Error(invalid_argument) that names the value and the remedy: sizes that do not fit, steps that are not positive,
-  /// heights that are infinite or beyond 12 km, no height or no pixel with data, extents without overlap.
+  /// Throws Error(invalid_argument) that names the value and the remedy, for sizes that do not fit, steps that are not
+  /// positive, heights that are infinite or beyond 12 km, no height or no pixel with data, and extents without overlap.
   void check() const;
 };
 

@@ -4,7 +4,7 @@
 
 namespace iclk::internal {
 
-/// A number as messages have it.
+/// Formats a number for messages.
 inline std::string number(double value) {
   char text[40];
   std::snprintf(text, sizeof text, "%.9g", value);

@@ -22,12 +22,13 @@ struct PixelBox {
   double u0 = 0, v0 = 0, u1 = 0, v1 = 0;
 };
 
-/// Where the pinhole of the same camera sees what these pixels see through the lens, to their outer edges; nothing where no
-/// pixel sees anything. A lens's bound holds for the pixels' centres, and for their edges as far as the lens is smooth.
+/// Undistorts a rectangle of pixels, up to their outer edges: the box of the same rays in a pinhole with the same intrinsics.
+/// Nothing if no pixel lies in the domain of the lens. The box bounds the pixels' centres, and also their edges if the lens is
+/// smooth.
 std::optional<PixelBox> pinhole_box(const Camera& camera, const Lens& lens, const PixelRect& pixels);
 
-/// What of the map any ray through that part of a pinhole's image can pass between the heights `lowest` and `highest`, inside
-/// `extent`: a bound, from the corners of the clipped frustum. May be empty.
+/// A bound of the part of the map, inside `extent`, above which rays through `seen` pass between the heights `lowest` and
+/// `highest`. It follows from the corners of the clipped frustum and may be empty.
 MapBox footprint(const Camera& camera, const SE3& T_WC, const PixelBox& seen, double lowest, double highest,
                  const MapBox& extent);
 
@@ -37,15 +38,16 @@ struct Windows {
   uint64_t elements = 0;
 };
 
-/// Every level whole.
+/// Windows that cover every level completely.
 template <typename T>
 Windows whole(const std::vector<RasterLevel<T>>& levels);
-/// Of a relief_levels pyramid, all cells that touch the box.
+/// Windows of a relief_levels() pyramid with all cells that touch the box.
 Windows relief_windows(const std::vector<RasterLevel<float>>& levels, const Grid& grid, const MapBox& box);
-/// Of a mosaic_levels pyramid, all texels that filtering inside the box reads; levels finer than `finest` are left out.
+/// Windows of a mosaic_levels() pyramid with all texels that filtering inside the box reads. Levels finer than `finest` have
+/// none.
 Windows mosaic_windows(const std::vector<RasterLevel<uint32_t>>& levels, const Grid& grid, const MapBox& box, int finest);
 
-/// Copies the windows, level 0 from `level_0`, to `out`, which has room for windows.elements.
+/// Copies the windows to `out`, which must have room for windows.elements; level 0 is copied from `level_0`.
 template <typename T>
 void copy_windows(const Windows& windows, const std::vector<RasterLevel<T>>& levels, const std::vector<T>& level_0, T* out);
 

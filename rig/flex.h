@@ -6,22 +6,22 @@
 
 namespace iclk {
 
-/// Extrinsics of one moment, by one pair alone.
+/// The extrinsics at one time, from one pair.
 struct FlexMeasurement {
-  double time = 0;  ///< s, later than the one before
+  double time = 0;  ///< s, later than the previous one
   SE3 T_rl;
   Matrix6d covariance = Matrix6d::Zero();  ///< of xi in T_rl Exp(xi), [rho, phi]
-  bool valid = false;                      ///< false: the pair gave no pose, and the moment is filled in by the motion
+  bool valid = false;                      ///< false: the pair gave no pose; the state is interpolated by the motion model
 };
 
-/// How a rig bends, as its user states it: standard deviations about its mean, and the highest frequency. The defaults are a
-/// small wing. Motion is white acceleration whose strength is that of an oscillation of this size at this frequency; a slower
-/// one passes as well, and a lower frequency smooths more.
+/// The motion of a flexible rig: standard deviations about its mean, and the highest frequency. The defaults suit a small wing.
+/// The model is white acceleration, as strong as an oscillation of this size and frequency. It also follows slower motion; a
+/// lower frequency smooths more.
 struct FlexOptions {
   double rotation = 0.035;    ///< rad
   double translation = 0.03;  ///< in the unit of the poses
   double frequency = 8;       ///< Hz
-  double cauchy_scale = 4;    ///< a measurement of so many deviations has half the weight
+  double cauchy_scale = 4;    ///< a measurement this many standard deviations off has half the weight
   int iterations = 30;
 
   /// Throws Error(invalid_argument) that names the value and its range.
@@ -37,14 +37,15 @@ struct FlexState {
 
 struct FlexResult {
   bool usable = false;
-  SE3 mean;  ///< T_rl about which the rig bends
+  SE3 mean;  ///< the mean T_rl
   std::vector<FlexState> states;
 };
 
-/// Extrinsics over time, all measurements together (a smoother): T_k = mean Exp(xi_k), xi a Gaussian process of white
-/// acceleration (constant velocity), and weakly drawn to zero by the stated deviations. Cauchy's loss on the measurements,
-/// Ceres, in time that grows with their number. Unusable: no valid measurement. Throws Error(invalid_argument) for bad options,
-/// times that do not grow, poses or covariances of valid measurements that are not finite or not positive.
+/// Smooths the extrinsics over all measurements: T_k = mean Exp(xi_k), where xi is a Gaussian process with white acceleration
+/// (constant velocity) and a weak prior at zero with the standard deviations of FlexOptions. The measurements have a Cauchy
+/// loss. Ceres solves it in time linear in their number. Not usable without a valid measurement. Throws
+/// Error(invalid_argument) for bad options, times that do not increase, and valid measurements whose pose is not finite or
+/// whose covariance is not finite and positive.
 FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const FlexOptions& options = {});
 
 }  // namespace iclk

@@ -12,121 +12,121 @@
 
 namespace iclk {
 
-/// Pointers are read during the call only.
+/// A frame of a sequence. Pointers are read during the call only.
 struct TrackFrame {
-  double time = 0;  ///< s; later than the frame before
+  double time = 0;  ///< s; later than the previous frame
   ImageView image;
-  ImageView depth;  ///< r32f, along the optical axis, in the unit of the map; 0 or NaN where there is none. May be empty
-  ImageView mask;   ///< r8, 0 where the image is not to be looked at. May be empty; needs TrackerOptions::masks
+  ImageView depth;  ///< r32f, along the optical axis, in the unit of the map; 0 or NaN: unknown. May be empty
+  ImageView mask;   ///< r8; pixels that are 0 are ignored. May be empty; needs TrackerOptions::masks
 };
 
 enum class TrackStatus {
   tracked,
-  keyframe,  ///< tracked, and others will be aligned with it
+  keyframe,  ///< tracked, and later frames are aligned with it
   lost,      ///< no pose
 };
 const char* name(TrackStatus status);
 
 struct TrackerOptions {
   int features = 200;                                         ///< of a keyframe, at most
-  int border = 16;                                            ///< px about an image that stay free of them
-  DepthSigma depth_sigma{.constant = kStructuredLightSigma};  ///< above 0: without a sigma depths would hold nothing
-  bool masks = false;                                         ///< frames come with masks
-  int keyframes = 32;                                         ///< held at most, each in a slot of the aligner
-  /// Places without depth in a keyframe that the sensor gives less than `features`, at most: they become features when the
-  /// frames that follow have told their depth. With 0 a frame without depth becomes no keyframe.
+  int border = 16;                                            ///< px at the image border without features
+  DepthSigma depth_sigma{.constant = kStructuredLightSigma};  ///< must be above 0, or depths have no weight
+  bool masks = false;                                         ///< frames may have masks
+  int keyframes = 32;                                         ///< at most in memory, each in a slot of the aligner
+  /// The largest number of points per keyframe whose depth is estimated from later frames. They are used if the sensor gives
+  /// depth for fewer than `features` points. 0: frames without depth do not become keyframes.
   int seeds = 200;
-  int window = 8;            ///< keyframes that a new one is aligned with, and the newest that are adjusted together
-  double min_visible = 0.7;  ///< of a keyframe's features: a frame that sees fewer becomes a keyframe
-  int min_inliers = 20;      ///< a pose on which fewer features agree is not confirmed
-  /// Rolling shutter: s from an image's first row to its last, negative if the last comes first; 0: all at once. Frames are
-  /// unrolled by how fast the camera turns, their times are those of the middle rows.
+  int window = 8;            ///< a new keyframe is aligned with so many keyframes, and so many newest are adjusted together
+  double min_visible = 0.7;  ///< a frame that sees a smaller share of the keyframe's features becomes a keyframe
+  int min_inliers = 20;      ///< a pose with fewer inliers is not confirmed
+  /// Rolling shutter: the time from the first row of an image to its last, s; negative if the last row is read first; 0: global
+  /// shutter. Frames are corrected by the turn rate of the camera; their times are those of the middle rows.
   double readout = 0;
-  /// Of frames that were resampled from what the camera read: when each pixel was seen. None: rows are the camera's.
+  /// For resampled frames: the time at which each pixel was read. Empty: the rows are those of the camera.
   std::optional<RowTimes> rows;
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
 };
 
-/// Where a frame was.
+/// The pose of a frame.
 struct TrackResult {
   double time = 0;
   TrackStatus status = TrackStatus::lost;
-  bool confirmed = false;  ///< by the features: the pose is the refinement's. Else it is the alignment's alone, and weaker
-  std::string reason;      ///< the alignment's, or why there is none
-  int map = 0;             ///< poses of different maps have nothing to do with each other
-  int keyframe = 0;        ///< it was aligned with; of a keyframe, itself
-  SE3 T_CK;                ///< camera of that keyframe to this one's: stays, while the keyframe's pose may still be adjusted
-  SE3 T_WC;                ///< this camera to the map, as it is known now; of a lost frame, the last one that was known
-  Matrix6d covariance = Matrix6d::Zero();  ///< of T_CK, [rho, phi]; zero if lost, and of a keyframe, whose T_CK is exact
-  /// Of a keyframe: the other one that it was aligned with, and how.
+  bool confirmed = false;  ///< true: the features confirm the pose, which is refined; false: a weaker pose, from ICLK alone
+  std::string reason;      ///< that of the alignment, or why there is none
+  int map = 0;             ///< poses of different maps are unrelated
+  int keyframe = 0;        ///< the one that the frame was aligned with; for a keyframe, the frame itself
+  SE3 T_CK;                ///< camera of that keyframe to this camera; it is final, but the keyframe's pose may still change
+  SE3 T_WC;                ///< this camera to the map, by present knowledge; for a lost frame, the last known pose
+  Matrix6d covariance = Matrix6d::Zero();  ///< of T_CK, [rho, phi]; zero if lost, and for a keyframe, whose T_CK is exact
+  /// For a keyframe: its alignment with another keyframe.
   struct Origin {
     int keyframe = 0;
-    SE3 T_CK;  ///< of that one's camera to this one's
+    SE3 T_CK;  ///< camera of that keyframe to this camera
     bool confirmed = true;
     Matrix6d covariance = Matrix6d::Identity();
   };
-  std::optional<Origin> origin;                ///< none for the first of a map
+  std::optional<Origin> origin;                ///< empty for the first keyframe of a map
   int features = 0, visible = 0, inliers = 0;  ///< of that alignment
   double sigma = 0;                            ///< px, of its residuals
-  /// The frame that was tracked last became a keyframe after all, since nothing older was found in this one.
+  /// The last tracked frame, if it became a keyframe now because this frame could not be aligned with older keyframes.
   struct Before {
     int keyframe = 0;
     double time = 0;
   };
   std::optional<Before> before;
-  bool searched = false;  ///< what was expected did not hold, and more was tried
+  bool searched = false;  ///< the predicted pose failed; other keyframes or a search were tried
   double align_ms = 0, keyframe_ms = 0, bundle_ms = 0;
 };
 
-/// A feature of a keyframe that is held.
+/// A feature of a keyframe in memory.
 struct MapPoint {
   int keyframe = 0;
-  Eigen::Vector2d uv;  ///< in the keyframe
-  Eigen::Vector3d X;   ///< in the map, as it is known now
+  Eigen::Vector2d uv;  ///< px, in the keyframe
+  Eigen::Vector3d X;   ///< in the map, by present knowledge
   double grey = 0;     ///< of its pixel, [0, 1]
 };
 
-/// What the features say of TrackerOptions::readout.
+/// An estimate of TrackerOptions::readout from the features.
 struct Readout {
-  double seconds = 0, sigma = 0;  ///< infinite sigma: too few frames turned
+  double seconds = 0, sigma = 0;  ///< s; infinite sigma: too few frames turned
 };
 
-/// Visual odometry with depth, frame by frame: each frame is aligned with a keyframe, from where the motion of the frames
-/// before lets it be, else with others, from elsewhere, by a search; a frame that sees too little of it becomes a keyframe. A
-/// new keyframe is aligned with those about it, both ways, and the newest ones' poses and inverse depths are adjusted together
-/// to all that was seen. The first frame with depth and texture is the map's origin.
+/// Visual odometry with depth. Each frame is aligned with a keyframe, starting from the pose that the last motion predicts. If
+/// that fails, other keyframes, other starts and a search are tried. A frame that sees too little of its keyframe becomes a
+/// keyframe. It is aligned with nearby keyframes, both ways; then bundle adjustment refines poses and inverse depths of the
+/// newest keyframes. The first frame with depth and texture is the origin of the map.
 ///
-/// A frame whose alignment does not converge is lost, never guessed; it and those that follow are looked for among the
-/// keyframes, some at each frame. A map that misses the camera for longer than it had it, as one that began with a blurred
-/// frame does, is given up for a new one. Memory is bounded by TrackerOptions::keyframes, but for one pose a keyframe that ever
-/// was. One thread at a time.
+/// A frame whose alignment does not converge is lost; its pose is never guessed. Each later frame is then aligned with some of
+/// the keyframes. When the camera has been lost for longer than the map tracked it (a map may begin with a blurred frame), the
+/// tracker starts a new map. TrackerOptions::keyframes bounds the memory, except for one pose per keyframe ever made. One
+/// thread at a time.
 class Tracker {
  public:
-  /// What the aligner of a tracker has to be made for. Its options need a start search (AlignerOptions::search), without which
-  /// nothing lost is found again. Of models the format has to be rgba8.
+  /// The plan that the aligner of a tracker must have. Its options need AlignerOptions::search, or the tracker cannot find lost
+  /// frames. With a model, set the format to rgba8.
   static Plan plan(const Camera& camera, const TrackerOptions& options);
 
-  /// With an aligner of the session's first model, made for plan(). The session need not outlive the tracker. Throws
-  /// Error(invalid_argument) for bad options, and what Session::make_aligner() throws.
+  /// Makes an aligner of the session's first model for plan(). The session need not outlive the tracker. Throws
+  /// Error(invalid_argument) for bad options, and the errors of Session::make_aligner().
   Tracker(const Session& session, const Camera& camera, const TrackerOptions& options = {});
-  /// `aligner` must outlive the tracker, and nobody else use its slots. Throws Error(invalid_argument) for bad options and an
-  /// aligner of a smaller plan.
+  /// `aligner` must outlive the tracker, and only the tracker may use its slots. Throws Error(invalid_argument) for bad options
+  /// and for an aligner with a smaller plan.
   Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options = {});
   ~Tracker();
 
-  /// Throws Error(invalid_argument) for an image, depth or mask of another size or format, and a time that is not finite or
-  /// not later than the last; what Aligner throws.
+  /// Tracks the next frame. Throws Error(invalid_argument) for an image, depth or mask of a wrong size or format, and for a
+  /// time that is not finite or not later than the last; the errors of Aligner.
   TrackResult track(const TrackFrame& frame);
 
-  int keyframe_count() const;              ///< that ever were
-  const SE3& keyframe_pose(int id) const;  ///< T_WC, as it is known now
-  std::vector<MapPoint> map() const;       ///< keyframe by keyframe, the oldest first
-  /// All that is known, some 0.5 MB a keyframe at 640x480; a tracker of the same aligner settings, camera and options goes on
-  /// from it as this one would, to the bit. restore() throws Error(invalid_argument) for what state() did not return, and
-  /// leaves the tracker as it was.
+  int keyframe_count() const;              ///< of all keyframes ever made
+  const SE3& keyframe_pose(int id) const;  ///< T_WC, by present knowledge
+  std::vector<MapPoint> map() const;       ///< by keyframe, the oldest first
+  /// The complete state, about 0.5 MB per keyframe at 640x480.
   std::vector<uint8_t> state() const;
+  /// Continues from a state of a tracker with the same aligner settings, camera and options; later results are bit-identical.
+  /// Throws Error(invalid_argument) for data that state() did not return; then the tracker is unchanged.
   void restore(std::span<const uint8_t> state);
   Readout readout() const;
 
@@ -134,7 +134,7 @@ class Tracker {
   const Impl& internals() const { return *impl_; }  ///< for tests
 
  private:
-  std::unique_ptr<Aligner> own_;  // of a session; else null
+  std::unique_ptr<Aligner> own_;  // made by a session; else null
   std::unique_ptr<Impl> impl_;
 };
 

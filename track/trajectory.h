@@ -6,28 +6,28 @@
 
 namespace iclk {
 
-/// A pose that was estimated, and the true one of that time.
+/// An estimated pose and the true pose at the same time.
 struct PosePair {
-  SE3 estimate, truth;  ///< T_WC, each in a world of its own
+  SE3 estimate, truth;  ///< T_WC, each in its own world frame
 };
 
-/// Absolute trajectory error: distances of the positions after the rigid motion that brings them closest (Umeyama, without
-/// scale), as evo_ape -a has it. Zero for fewer than three pairs.
+/// Absolute trajectory error: the distances of the positions after the best rigid alignment (Umeyama, without scale), as
+/// `evo_ape -a` computes it. Zero for fewer than three pairs.
 struct TrajectoryError {
-  double rmse = 0, median = 0, max = 0;
-  SE3 alignment;  ///< truth's world from the estimate's
+  double rmse = 0, median = 0, max = 0;  ///< in the unit of the poses
+  SE3 alignment;                         ///< world of the estimate to world of the truth
 };
 TrajectoryError absolute_error(std::span<const PosePair> pairs);
 
-/// Relative error of the motion over `delta` poses, root mean square, every start: translation in the unit of the poses,
-/// rotation in rad, as evo_rpe --delta_unit f --all_pairs has it.
+/// Relative error of the motion over `delta` poses: root mean square over all starts, as
+/// `evo_rpe --delta_unit f --all_pairs` computes it.
 struct RelativeError {
-  double translation = 0, rotation = 0;
-  int count = 0;
+  double translation = 0, rotation = 0;  ///< in the unit of the poses; rad
+  int count = 0;                         ///< of motions
 };
 RelativeError relative_error(std::span<const PosePair> pairs, int delta);
 
-/// Sum of the distances from one true position to the next.
+/// The length of the true path: the sum of the distances between successive positions.
 double way_length(std::span<const PosePair> pairs);
 
 }  // namespace iclk
