@@ -7,15 +7,15 @@
 
 namespace iclk::internal {
 
-/// Cores that this process may use, as it found them first: asking costs tens of microseconds.
+/// The number of cores that this process may use. It is cached, because the query takes tens of microseconds.
 inline size_t cores() {
   static const size_t known = std::max(1u, std::thread::hardware_concurrency());
   return known;
 }
 
-/// Calls each(0) to each(n - 1), every one once, in up to `threads` threads of which this is one; 0: as many as this process
-/// may use cores; fewer where no more can be started. Rethrows what one of them throws when all have ended. Precondition: calls
-/// may run at once.
+/// Calls each(0) to each(n - 1) once each, in up to `threads` threads including this one; 0: one per usable core. It uses fewer
+/// threads if no more can be started. After all have ended, it rethrows the error of one of them. Precondition: calls may run
+/// at the same time.
 template <class Each>
 void for_each_of(size_t n, int threads, const Each& each) {
   const size_t parts = std::min(n, threads > 0 ? static_cast<size_t>(threads) : cores());

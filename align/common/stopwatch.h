@@ -3,7 +3,7 @@
 
 namespace iclk::internal {
 
-/// Wall time since it was made.
+/// Measures wall time since its construction.
 class Stopwatch {
  public:
   double ms() const { return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start_).count(); }

@@ -9,7 +9,7 @@ namespace internal {
 struct MatchLayout;
 }
 
-/// The CPU reference: every stage in plain C++ and Eigen under the name it has in shaders/. One thread.
+/// The CPU reference: every stage in plain C++ and Eigen, with the same name as in shaders/. One thread.
 class CpuAligner : public Aligner {
  public:
   /// model: null for the classical mode (grey pyramid).
@@ -20,17 +20,17 @@ class CpuAligner : public Aligner {
   using Aligner::align;
   std::vector<Alignment> align(std::span<const Pair> pairs) override;
 
-  /// What the refinement reads. Preconditions: the slot is prepared; `pair` indexes the last align() call.
+  /// Inputs of the refinement. Preconditions: the slot is prepared; `pair` is an index in the last align() call.
   const Camera& camera(int slot) const override;
   const Features& features(int slot) const override;
   const std::vector<FeatureCheck>& checks(int slot) const override;
   const Plan& plan() const override { return plan_; }
   Map grey(int slot) const override { return reference_grey(slot)[0]; }
-  /// Grey maps, with a model too. Then they are the kFeatureAlignmentLevels finest levels as far as AlignerOptions::levels
-  /// goes, and always made: images are read during a call only, and beside the encoder they cost next to nothing.
+  /// The grey maps. With a model they are the kFeatureAlignmentLevels finest levels, at most AlignerOptions::levels. They are
+  /// always made, because images are read during the call only and the encoder takes much longer.
   const Pyramid& reference_grey(int slot) const;
   const Pyramid& target_grey(int pair) const;
-  /// Level 0 in colours, as rgb_maps() makes it; empty for an image of one channel.
+  /// The rgb_maps() of the target; empty for an image of one channel.
   std::span<const Map> target_rgb(int pair) const;
 
  private:
@@ -46,7 +46,7 @@ class CpuAligner : public Aligner {
   Plan plan_;
   AlignerOptions options_;
   std::shared_ptr<const Model> model_;
-  std::unique_ptr<const internal::MatchLayout> match_;  // null: starts are not matched
+  std::unique_ptr<const internal::MatchLayout> match_;  // null: no search by matching
   std::vector<std::unique_ptr<Keyframe>> keyframes_;
   std::vector<Target> targets_;
 };

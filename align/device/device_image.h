@@ -5,20 +5,20 @@
 
 namespace iclk::internal {
 
-/// Throw Error(invalid_argument) that begins with `what` for an image that a plan cannot take.
+/// Throw Error(invalid_argument) that begins with `what` for an image that does not fit the plan.
 void check_image(const DeviceImage& image, const Plan& plan, const std::string& what);
 void check_view(const DeviceImageView& view, const Plan& plan, const std::string& what);
 
-/// Brings images of the application to where an aligner has its raw pixels.
+/// Copies images of the application into the raw pixels of an aligner.
 class DeviceImages {
  public:
   DeviceImages() = default;
   DeviceImages(std::shared_ptr<const engine::Context> context, const Plan& plan, const Layout& layout);
   explicit operator bool() const { return static_cast<bool>(import_); }
 
-  /// To byte `offset` of `pixels`, in rows as the aligner's kernels want them.
+  /// Copies an image to byte `offset` of `pixels`, in the row layout of the aligner's kernels.
   void copy(engine::Recorder& recorder, const DeviceImage& image, const engine::Buffer& pixels, VkDeviceSize offset) const;
-  /// Into the alpha of pixels that are there. Precondition: Plan::target_masks.
+  /// Copies a mask into the alpha of existing pixels. Precondition: Plan::target_masks.
   void copy_mask(engine::Recorder& recorder, const DeviceImageView& mask, const engine::Buffer& pixels,
                  VkDeviceSize offset) const;
   void add_to(engine::ArenaSize& size, uint32_t references, uint32_t pairs) const;

@@ -8,18 +8,18 @@
 
 namespace iclk::internal {
 
-/// Starts by matching on a device: align/search/matching.h in shaders.
+/// The search by matching on a device: align/search/matching.h in shaders.
 class DeviceMatching {
  public:
-  /// Arithmetic only: adds its buffers to `memory`; nothing where MatchLayout::enabled is false.
+  /// Arithmetic only: adds its buffers to `memory`, unless MatchLayout::enabled is false.
   DeviceMatching(const Plan& plan, const AlignerOptions& options, const Layout& layout, const WorkgroupSizes& sizes, int batch,
                  engine::MemoryPlan& memory);
-  /// Once, before anything is recorded.
+  /// Call it once, before recording.
   void load(const std::shared_ptr<const engine::Context>& context);
   explicit operator bool() const { return match_.enabled; }
   void add_to(engine::ArenaSize& size) const;
 
-  /// Grey maps and descriptors of references [first, first + count) whose pixels and features are there.
+  /// Records grey maps and descriptors of references [first, first + count). Precondition: their pixels and features are set.
   void describe(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& pixels0,
                 const engine::Buffer& references, const engine::Buffer& features, uint32_t first, uint32_t count) const;
 
@@ -28,18 +28,19 @@ class DeviceMatching {
     const TargetMasks& masks;  // false: no pixel is hidden
     uint32_t count, most_features;
   };
-  /// Starts of pairs that matching finds: their PairInfo's pose and first level.
+  /// Records the search; sets pose and first level in the PairInfo of each pair with a start.
   void find(engine::Recorder& recorder, const engine::Workspace& memory, const Pairs& pairs) const;
 
-  // What else a target shows than an answer: refine/internal/device_rivals.h asks.
+  // For the search for rivals of an answer: refine/internal/device_rivals.h.
   const MatchLayout& layout() const { return match_; }
   const engine::Buffer& reference_maps(const engine::Workspace& memory) const { return memory[grey0_]; }
   const engine::Buffer& target_descriptors(const engine::Workspace& memory) const { return memory[descriptors1_]; }
-  /// Descriptors of pairs, in the places of upright ones, against all places: MatchInfo a cell of ICLK_ELSEWHERE_CELL squared.
+  /// Scores given descriptors of pairs, instead of upright ones, at all places: one MatchInfo per cell of
+  /// ICLK_ELSEWHERE_CELL^2 places.
   void score_cells(engine::Recorder& recorder, const engine::Workspace& memory, const engine::Buffer& references,
                    const engine::Buffer& pairs, const engine::Buffer& descriptors, const engine::Buffer& cells,
                    uint32_t count) const;
-  /// The pose on which most of up to `most` correspondences a pair agree: PairInfo's, if `matched`.
+  /// Finds the pose with the most agreeing correspondences, of up to `most` per pair. It is in PairInfo, if `matched`.
   void agree(engine::Recorder& recorder, const engine::Buffer& references, const engine::Buffer& pairs,
              const engine::Buffer& correspondences, const engine::Buffer& hypotheses, uint32_t most, uint32_t count) const;
   void add_elsewhere_to(engine::ArenaSize& size, uint32_t poses) const;
@@ -47,7 +48,7 @@ class DeviceMatching {
  private:
   void grey(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t first,
             uint32_t count) const;
-  /// Looks for patches that are not rolled, or for all rolls for those pairs that are not matched yet.
+  /// Matches upright patches, or all rolls for the pairs that are not matched yet.
   void round(engine::Recorder& recorder, const engine::Workspace& memory, const Pairs& pairs, bool upright) const;
 
   MatchLayout match_;

@@ -7,14 +7,14 @@
 
 namespace iclk::internal {
 
-/// Grey pyramids on a device: raw pixels -> the maps of a layout (shaders/align/pyramid.comp, shaders/align/halve.comp).
+/// Makes grey pyramids on a device, from raw pixels (shaders/align/pyramid.comp, shaders/align/halve.comp).
 class GreyPyramid {
  public:
   GreyPyramid() = default;
   /// Precondition: a layout without a model.
   GreyPyramid(std::shared_ptr<const engine::Context> context, PixelFormat format, const Layout& layout, uint32_t group);
 
-  /// Images first .. first + count - 1 of `pixels` to the maps of the same numbers. `levels` holds layout.levels.
+  /// Makes the maps of images first .. first + count - 1 of `pixels`. `levels` contains layout.levels.
   void record(engine::Recorder& recorder, const engine::Buffer& levels, const engine::Buffer& pixels,
               const engine::Buffer& maps, uint32_t first, uint32_t count, const GreyWeights& weights = kLuma) const;
 

@@ -9,19 +9,19 @@
 
 namespace iclk {
 
-/// State of a DeviceAligner, shared by its two ways to run: align() (device_aligner.cpp) and record() (recording.cpp).
+/// The state of a DeviceAligner, shared by align() (device_aligner.cpp) and record() (recording.cpp).
 struct DeviceAligner::Impl {
   struct Slot {
-    bool set = false, dirty = false;  // dirty: pixels and features are there, pyramid and template are not
-    bool recorded = false;            // dirty, and what ends it is recorded but not submitted
+    bool set = false, dirty = false;  // dirty: has pixels and features, but not yet pyramid and template
+    bool recorded = false;            // dirty; their computation is recorded but not submitted
     Camera camera;
     Features features;
     std::vector<FeatureCheck> checks;
     double mean_inverse_depth = 0;
     bool enough = false;
-    uint32_t chosen = 0;   // features that the device chooses; then the four before this are empty, and enough is true
-    uint64_t version = 0;  // counts the images that were prepared
-    bool on_host = false;  // its pixels are where set_reference() put them
+    uint32_t chosen = 0;   // features that the device chooses; then the fields for host features are empty, enough is true
+    uint64_t version = 0;  // counts the prepared images
+    bool on_host = false;  // set_reference() has copied its pixels
   };
 
   Impl(std::shared_ptr<const engine::Context> context, const Plan& plan, const AlignerOptions& options, Solver solver,
@@ -35,7 +35,7 @@ struct DeviceAligner::Impl {
   internal::WorkgroupSizes sizes;
   int batch;
   internal::Kernels kernels;
-  internal::DeviceImages images;  // made with the first recording
+  internal::DeviceImages images;  // made by the first recording
   internal::AlignerBuffers ids;
   internal::DeviceNetwork network;
   internal::DeviceMatching matching;
@@ -44,11 +44,11 @@ struct DeviceAligner::Impl {
   engine::Workspace run;
   engine::DescriptorArena arena;
   std::unique_ptr<engine::StageTimer> timer;
-  engine::Submission submission;  // after all that it uses: its destructor may have to wait
+  engine::Submission submission;  // declared after everything that it uses, because its destructor waits
   std::vector<Slot> slots;
   std::vector<internal::Awaited> started;  // by start(), until finish()
   uint64_t targets_version = 0;            // counts the batches
-  bool recorded = false;  // record() was called: images change whenever the application executes, and nothing is counted
+  bool recorded = false;                   // record() was called: images change at every execution, which is not counted
   internal::TileLists tiles;
   std::vector<engine::StageTime> no_times;
 
@@ -56,28 +56,28 @@ struct DeviceAligner::Impl {
   internal::Stages stages() const {
     return {layout, plan, options, sizes, kernels, ids, memory, run_ids, run, network, matching, most_features()};
   }
-  /// Of the references that are set.
+  /// The largest number of features of a reference that is set.
   uint32_t most_features() const;
 
   void check_pairs(std::span<const Pair> pairs) const;
-  /// Host data of a slot: camera, features, verdicts. Pixels are another matter.
+  /// Sets the host data of a slot: camera, features, verdicts; not the pixels.
   void set_slot(int slot, const Camera& camera, const Features& features, double mean_inverse_depth,
                 std::vector<FeatureCheck> checks);
-  /// The same of a slot whose features the device will choose.
+  /// The same for a slot whose features the device will choose.
   void set_chosen_slot(int slot, const Camera& camera);
-  /// Records what chooses them, in pixels that are there.
+  /// Records the choice of features. Precondition: the pixels are set.
   void choose_features(engine::Recorder& recorder, int slot, const DeviceDepth& depth) const;
-  /// Copies staged pixels of the references that set_reference() left for this recording, and returns which they are.
+  /// Records the copies of staged pixels of dirty references, and returns these references.
   std::vector<internal::Stages::Run> upload_dirty(engine::Recorder& recorder);
-  /// What set_slot() has written for slots [first, first + count).
+  /// Records the upload of the host data of slots [first, first + count).
   void upload_tables(engine::Recorder& recorder, uint32_t first, uint32_t count) const;
-  /// What upload_dirty() returned is prepared, now that the commands are submitted or the application's. Where recording or
-  /// submitting fails, the slots stay dirty for the next attempt.
+  /// Marks the references of upload_dirty() as prepared. Call it after the submission, or when the application has the
+  /// commands. If recording or submitting fails, do not call it; the slots stay dirty.
   void recorded_will_execute();
   void upload_targets(engine::Recorder& recorder, std::span<const Pair> pairs);
-  /// Both images of every pair, ready to be aligned.
+  /// Records the preparation of both images of every pair.
   void prepare(engine::Recorder& recorder, std::span<const Pair> pairs);
-  /// Writes pair `index` of a run, a Pair or DevicePair.
+  /// Writes pair `index` of a run; AnyPair is Pair or DevicePair.
   template <class AnyPair>
   void pack(const AnyPair& pair, uint32_t index, const internal::RunBuffers& to_ids, const engine::Workspace& to) const;
   template <class AnyPair>

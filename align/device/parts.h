@@ -1,5 +1,5 @@
 #pragma once
-// What lies inside a DeviceAligner, for feature alignment, which works on the same images, and for tests.
+// Parts of a DeviceAligner, for feature alignment, which uses the same images, and for tests.
 #include <memory>
 #include <span>
 
@@ -9,18 +9,18 @@
 
 namespace iclk::internal {
 
-/// Maps on the device as texel views. Level 0 of slot or pair i begins at texel i * fine_stride of fine0 or fine1, levels
-/// beyond at i * map_stride + LevelInfo::map_offset of maps0 or maps1. Level 0 of grey maps of a single-channel Plan::format
-/// is the pixels themselves, else it lies in the maps. Targets are those of the last batch.
+/// Maps on the device as texel views. Level 0 of slot or pair i begins at texel i * fine_stride of fine0 or fine1. Other levels
+/// begin at i * map_stride + LevelInfo::map_offset of maps0 or maps1. Level 0 of grey maps is the raw pixels if Plan::format
+/// has one channel, else it is in the maps. Targets are those of the last batch.
 struct DeviceMaps {
   const engine::Buffer* levels;         ///< shaders::LevelInfo
-  const engine::Buffer* references;     ///< shaders::ReferenceInfo a slot
+  const engine::Buffer* references;     ///< one shaders::ReferenceInfo per slot
   const engine::Buffer *fine0, *fine1;  ///< r8, r32f
   const engine::Buffer *maps0, *maps1;  ///< r32f
   uint32_t fine_stride, map_stride;
   const engine::Buffer* pixels1;  ///< raw pixels of the targets, Plan::format, rows of levels[0].pitch
-  uint32_t pixel_stride;          ///< 32-bit words from a target's to the next
-  uint32_t pixel_format;          ///< ICLK_FORMAT_* of iclk/shaders/shared.h
+  uint32_t pixel_stride;          ///< 32-bit words from one target to the next
+  uint32_t pixel_format;          ///< an ICLK_FORMAT_... constant of iclk/shaders/shared.h
 };
 
 struct GreyTarget {
@@ -28,35 +28,37 @@ struct GreyTarget {
   GreyWeights weights = kLuma;
 };
 
-/// The images' grey maps, for feature alignment, which is photometric. Without a model they are those of the alignment, and
-/// targets with other weights than luma's are made from the aligner's pixels; with a model all are: the
-/// kFeatureAlignmentLevels finest levels as far as AlignerOptions::levels goes, in memory of their own, so that who does not
-/// refine does not pay for them. Those of a slot are made once for all targets, of a pair once a batch and weights; after
-/// record(), whose executions nobody counts, at every call. The aligner must outlive it.
+/// The grey maps of the images, for feature alignment. Without a model they are those of the alignment, except for targets with
+/// weights other than luma. All other maps are made from the aligner's pixels: the kFeatureAlignmentLevels finest levels, at
+/// most AlignerOptions::levels. They have separate memory, so aligners without refinement do not need it.
+///
+/// The maps of a slot are made once for all targets, those of a pair once for each batch and each set of weights. After
+/// DeviceAligner::record() they are made at every call, because executions are not counted. The aligner must outlive this.
 class GreyMaps {
  public:
   virtual ~GreyMaps() = default;
-  /// Records what brings the maps of these slots and targets up to date, and returns where they are. Duplicates cost nothing;
-  /// of a pair the last one counts. Precondition: all are within the plan and the batch.
+  /// Records updates of the maps of these slots and targets, and returns the maps. Duplicates cost nothing; if a pair occurs
+  /// twice, the last one counts. Precondition: all are within the plan and the batch.
   virtual DeviceMaps record(engine::Recorder& recorder, std::span<const int> slots, std::span<const GreyTarget> targets) = 0;
-  /// After what record() wrote was executed; without this the next record() writes it again.
+  /// Call it after the commands of record() have executed; else the next record() repeats them.
   virtual void executed() = 0;
-  /// Room that record() takes in a descriptor arena.
+  /// Adds the descriptors that record() needs.
   virtual void add_to(engine::ArenaSize& size) const = 0;
 };
 
 struct DeviceParts {
-  /// What the alignment works on: the grey pyramid, or with a model what its encoder made.
+  /// The maps of the alignment: the grey pyramid, or with a model those of its encoder.
   static DeviceMaps maps(const DeviceAligner& aligner);
-  /// Allocates everything. Throws Error(unsupported) if it does not fit the device.
-  /// `recolour`: weights other than luma's will come; without a model and without colours nothing is allocated either way.
+  /// Allocates all memory. `recolour`: weights other than luma will be used. Without a model and with grey images nothing is
+  /// allocated. Throws Error(unsupported) if it does not fit the device.
   static std::unique_ptr<GreyMaps> make_grey_maps(const DeviceAligner& aligner, bool recolour = true);
-  /// Features that the device chooses in this slot; 0 where the host has given them.
+  /// The number of features that the device chooses in this slot; 0 if the host has set them.
   static uint32_t chosen_features(const DeviceAligner& aligner, int slot);
-  /// The search by matching, which is false where the plan has none; and the memory that it works on.
+  /// The search by matching, which is false if the plan has none.
   static const DeviceMatching& matching(const DeviceAligner& aligner);
+  /// The memory of the search.
   static const engine::Workspace& memory(const DeviceAligner& aligner);
-  /// Template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) an element; shaders/align/jacobian.comp.
+  /// The template of all slots: (u, v, inverse depth, f0) and (gu, gv, -, -) per element; shaders/align/jacobian.comp.
   static const engine::Buffer& template_pixels(const DeviceAligner& aligner);
   static const engine::Buffer& template_gradients(const DeviceAligner& aligner);
 };

@@ -6,11 +6,11 @@
 
 namespace iclk::internal {
 
-/// Writes the masks of host targets into the alpha of their pixels, which have one of Plan::format's formats of four channels:
-/// 0 where the mask is 0, opaque elsewhere or without a mask.
+/// Writes the mask of a host target into the alpha of its pixels: 0 where the mask is 0, opaque elsewhere or without a mask.
+/// Precondition: Plan::format has four channels.
 void write_alpha(const ImageView& mask, const Plan& plan, uint32_t row_pixels, void* pixels);
 
-/// Hides pixels of targets' maps on a device where alpha is 0 (shaders/align/hide.comp, shaders/align/hide_level.comp).
+/// Hides pixels with alpha 0 in the maps of targets on a device (shaders/align/hide.comp, shaders/align/hide_level.comp).
 class TargetMasks {
  public:
   TargetMasks() = default;
@@ -18,14 +18,14 @@ class TargetMasks {
   TargetMasks(std::shared_ptr<const engine::Context> context, const Plan& plan, const Layout& layout, uint32_t group);
   explicit operator bool() const { return static_cast<bool>(hide_); }
 
-  /// In the maps of a layout without level0_in_pixels, all its levels. Images first .. first + count - 1.
+  /// For all levels of the maps of images first .. first + count - 1. Precondition: not layout.level0_in_pixels.
   void record(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, const Layout& layout,
               uint32_t first, uint32_t count) const;
-  /// In one packed map an image, from the first on, a pixel of which is `scale` of the image.
+  /// For one packed map per image, from the first image on; its pixels are `scale` pixels of the image wide.
   void record(engine::Recorder& recorder, const engine::Buffer& pixels, const engine::Buffer& maps, uint32_t width,
               uint32_t height, uint32_t scale, uint32_t count) const;
 
-  /// Room for one buffer of each kind.
+  /// Adds the descriptors for one buffer of each kind.
   void add_to(engine::ArenaSize& size) const;
 
  private:

@@ -3,8 +3,8 @@
 
 namespace iclk::internal {
 
-/// Writes host pixels into a plan's device format, rows `row_pixels` apart. `format` is one of those that Plan::format allows;
-/// colour becomes luma where it has one channel, a grey value is repeated where it has four.
+/// Converts host pixels to the device format of a plan, with rows `row_pixels` apart. `format` must be allowed in Plan::format.
+/// Colours become luma for one channel; grey values are repeated for four.
 void convert_pixels(const ImageView& image, PixelFormat format, uint32_t row_pixels, void* out);
 
 }  // namespace iclk::internal

@@ -5,16 +5,16 @@
 
 namespace iclk::internal {
 
-/// What a model may be at most. Far beyond any that is useful; they bound what a hostile file can ask for.
+/// Limits of a model, far beyond useful ones. They bound the memory and time that a hostile file can cause.
 constexpr int kMaxModelLevels = 12, kMaxLevelLayers = 16, kMaxChannels = 1024, kMaxDilation = 64;
 constexpr size_t kMaxModelParameters = size_t{1} << 26;
 
-/// That the layers fit together: channels in a chain from the input to the last level, four into the M-estimator and one out,
-/// as many weights as the channels ask for, all finite, nothing beyond the limits. Throws Error(invalid_argument) that names
-/// layer, value and what it must be.
+/// Checks a model: the channels of successive layers match from the input to the last level, the M-estimator has four input
+/// channels and one output, the numbers of weights fit, all values are finite and within the limits. Throws
+/// Error(invalid_argument) that names layer, value and requirement.
 void check_model(const Model& model);
 
-/// That the options can be met with this model. Throws Error(invalid_argument).
+/// Checks that the options suit this model. Throws Error(invalid_argument).
 void check_model_use(const Model& model, const AlignerOptions& options);
 
 }  // namespace iclk::internal

@@ -8,15 +8,16 @@
 
 namespace iclk::internal {
 
-/// A safetensors file: a little-endian 64-bit header size, a JSON header {"NAME": {"dtype", "shape", "data_offsets"}, ...,
-/// "__metadata__": {"KEY": "TEXT", ...}}, padded with blanks, then the tensors' bytes without gaps. Single precision only.
+/// The contents of a safetensors file: a little-endian 64-bit header size, a JSON header
+/// `{"NAME": {"dtype", "shape", "data_offsets"}, ..., "__metadata__": {"KEY": "TEXT", ...}}` padded with blanks, then the bytes
+/// of the tensors without gaps. Single precision only.
 struct Safetensors {
   struct Tensor {
     std::string name;
     std::vector<size_t> shape;
     std::vector<float> data;  ///< row-major
 
-    std::string shape_text() const;  ///< "16x3x3x3"
+    std::string shape_text() const;  ///< for example "16x3x3x3"
   };
   std::vector<std::pair<std::string, std::string>> metadata;
   std::vector<Tensor> tensors;
@@ -25,7 +26,7 @@ struct Safetensors {
   const Tensor* find(std::string_view name) const;               ///< null: no such tensor
 };
 
-/// Every size and offset is checked against the bytes that there are. Throws Error(invalid_argument).
+/// Parses a file; checks every size and offset against the number of bytes. Throws Error(invalid_argument).
 Safetensors parse_safetensors(std::span<const uint8_t> file);
 std::vector<uint8_t> safetensors_bytes(const Safetensors& content);
 

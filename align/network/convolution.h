@@ -9,18 +9,18 @@
 
 namespace iclk::internal {
 
-/// The step, fused or not, can spare writing its output.
+/// Whether the step, fused or not, has a kernel that does not write its output (ConvStep::reduced).
 bool can_reduce(const ConvStep& step);
 
-/// The device is a CPU with shuffles (see can_shuffle()), the step's variant has a kernel for such, and its limits are kept.
+/// Whether the device is a CPU with shuffles (see can_shuffle()), the variant has a fused kernel, and it fits the limits.
 bool can_fuse(const ConvStep& step, const engine::Context& context);
 
-/// The device has a kernel for the step's variant: `winograd4` only where it can be fused, `winograd4x1` with shuffles.
+/// Whether the device has a kernel for the variant: `winograd4` only if it can be fused, `winograd4x1` only with shuffles.
 bool has_kernel(const ConvStep& step, const engine::Context& context);
 
-/// What a reduced step leaves for the map: sums over eight channels each, a vec4 for 2x2 pixels. All in vec4.
+/// The output of a reduced step for the map: sums over eight channels each, one vec4 for 2x2 pixels. All in vec4.
 struct ChannelSums {
-  uint32_t offset;  // behind the means
+  uint32_t offset;  // after the means
   uint32_t pitch, plane, planes;
 
   uint32_t image() const { return plane * planes; }
@@ -31,26 +31,26 @@ ChannelSums channel_sums(const ConvStep& step);
 /// The device's kernels for convolutions of whole maps.
 class ConvKernels {
  public:
-  /// Uses of the buffers that record() takes; all have kTexelFormat.
+  /// Uses of the buffers of record(); all have kTexelFormat.
   static constexpr auto kActivations = engine::BufferUse::storage | engine::BufferUse::texel,
                         kWeights = engine::BufferUse::texel | engine::BufferUse::image,
                         kScratch = engine::BufferUse::storage | engine::BufferUse::image;
 
-  /// Those that `steps` need: of each its variant, and whether it is reduced or fused, count.
+  /// Makes the kernels for `steps`: for their variants, and for reduced and fused steps.
   ConvKernels(std::shared_ptr<const engine::Context> context, std::span<const ConvStep> steps);
 
-  /// Scratch texels that a step asks for; 0: none.
+  /// The number of scratch texels that a step needs.
   static uint64_t scratch_texels(const ConvStep& step);
 
-  /// Before fused steps: zeroes their counters in `scratch`, ICLK_WORK_COUNTERS of them.
+  /// Must precede fused steps: sets their ICLK_WORK_COUNTERS counters in `scratch` to zero.
   void record_start(engine::Recorder& recorder, const engine::Buffer& scratch) const;
-  /// in -> out. `scratch`: as many texels as scratch_texels() says. A step that writes_map() does so
-  /// at `place`, of all images in their order in one or two `parts`.
+  /// Records a step. `scratch` needs scratch_texels(). A step with writes_map() writes the maps of all images, in their order,
+  /// at `place` in one or two `parts`.
   void record(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
               const engine::Buffer& out, const engine::Buffer& scratch, const MapPlace& place = {},
               std::span<const MapPart> parts = {}) const;
-  /// Zeroes the borders in two buffers of what has the same planes, but for their number; record() leaves them as they are.
-  /// A layout without channels: nothing is in that buffer.
+  /// Sets the borders in two buffers to zero; record() does not change them. Both layouts must have planes of the same size. A
+  /// layout without channels: that buffer is unused.
   void record_borders(engine::Recorder& recorder, const TensorLayout& in_first, const TensorLayout& in_second,
                       const engine::Buffer& first, const engine::Buffer& second) const;
   void add_to(engine::ArenaSize& size) const;
@@ -61,7 +61,7 @@ class ConvKernels {
   void record_tiles(engine::Recorder& recorder, const ConvStep& step, const engine::Buffer& in, const engine::Buffer& weights,
                     const engine::Buffer& out, const engine::Buffer& scratch) const;
 
-  /// Pixels of a column that an invocation of the direct kernel makes.
+  /// The number of pixels of a column that an invocation of the direct kernel computes.
   uint32_t direct_rows(const ConvStep& step) const;
 
   engine::DeviceType type_;
@@ -71,10 +71,10 @@ class ConvKernels {
   engine::Kernel tiles_[2];  // [1]: reduced
 };
 
-/// The device hands values between at least eight lanes of a subgroup in compute shaders.
+/// Whether compute shaders can shuffle values between at least eight lanes of a subgroup.
 bool can_shuffle(const engine::DeviceInfo& info);
 
-/// Writes to device memory from the host, through a staging buffer of its own where it is not mapped. Blocks.
+/// Writes host data to a buffer, through a temporary staging buffer if it is not mapped. Blocks.
 void write_buffer(const std::shared_ptr<const engine::Context>& context, const engine::Buffer& buffer,
                   std::span<const float> data);
 

@@ -7,39 +7,39 @@
 namespace iclk::internal {
 
 /// The convolutional M-estimator of a model on a device: weights of the elements of a level at the residual with which it
-/// starts: the values of the dense computation. Computed for 8x8 patches, each with as much around it as the network sees, or,
-/// where patches lie so close that this is less work, for the level in one piece. Levels must come coarse to fine.
+/// starts. It computes 8x8 patches with their receptive fields, or the whole level if patches are so close that this is less
+/// work. The values are those of the whole level. Levels must come coarse to fine.
 class MEstimator {
  public:
-  /// Arithmetic only: adds its buffers to `memory`. Precondition: the model has an M-estimator, of layers that fit each other.
+  /// Arithmetic only: adds its buffers to `memory`. Precondition: the model has an M-estimator with matching layers.
   MEstimator(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
              int batch, engine::MemoryPlan& memory);
 
-  /// Makes the kernels and writes the weights. `memory` is a workspace of that plan; `sum_lanes`:
-  /// WorkgroupSizes::iterate, by which weights are arranged.
+  /// Makes the kernels and writes the weights. `memory` is a workspace of the plan. `sum_lanes`: WorkgroupSizes::iterate, which
+  /// sets the order of the weights.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory, uint32_t sum_lanes);
 
-  /// The aligner's buffers that it reads, and the weights, which it writes.
+  /// Buffers of the aligner. It reads them all and writes only `weights`.
   struct Buffers {
     const engine::Buffer *levels, *references, *pairs, *features, *template_a, *maps1, *states, *weights;
   };
-  /// Precondition: load(). `features`: of any reference, at most; `flags`: ICLK_FLAG_GIVEN or 0.
+  /// `features`: the most of any reference; `flags`: ICLK_FLAG_GIVEN or 0. Precondition: load().
   void record(engine::Recorder& recorder, const engine::Workspace& memory, int level, uint32_t pairs, uint32_t features,
               uint32_t flags, const Buffers& buffers) const;
   void add_to(engine::ArenaSize& size) const;
 
  private:
   struct Layer {
-    uint32_t margin;  // its output is so much wider than what is wanted, on every side
+    uint32_t margin;  // how much its output exceeds the piece on every side
     uint32_t dilation, in_planes, out_channels;
     PackedLayer packed;
   };
-  // What the network runs on: a patch or a level, without the border around it.
+  // The size of a piece on which the network runs: a patch or a level, without its border.
   struct Size {
     uint32_t width, height;
   };
   static constexpr Size kPatch{ICLK_PATCH, ICLK_PATCH};
-  // Texels of activations, of the even and of the odd layers: those of a piece, and what kernels read beyond the last one.
+  // Texels of activations for even and odd layers of a piece, and texels that kernels read beyond the last piece.
   struct Room {
     uint64_t even = 0, odd = 0, beyond = 0;
   };
@@ -62,7 +62,7 @@ class MEstimator {
   std::vector<Layer> layers_;
   engine::BufferId inputs_[2], residuals_, prior_, corners_, weights_, activations_[2];
   engine::Kernel input_, patch_, weight_;
-  // By what an invocation makes: all rows of a tile or one fewer, eight output channels or one. Those that a layer uses.
+  // Indices: all rows of a tile or one fewer; eight output channels or one. Only kernels that a layer uses are made.
   engine::Kernel convolutions_[2][2];
 };
 

@@ -9,28 +9,28 @@
 
 namespace iclk::internal {
 
-/// The encoder of a model on a device: raw pixels -> one map a level, in the layout of the grey pyramid, whose place it takes.
-/// The maps of each image are the same bits in every batch.
+/// The encoder of a model on a device. It makes one map per level from raw pixels, in the layout of the grey pyramid, which it
+/// replaces. The maps of an image are bit-identical in every batch.
 class Encoder {
  public:
-  /// Arithmetic only: adds its buffers to `memory`. The `layout.levels.size()` finest levels of the model are computed, for up
-  /// to `most_images` images at a time. `variant`: of every layer, in place of choose_variant(). An image that needs more than
-  /// `most_bytes` a buffer for its activations goes through in tiles. Precondition: the model has so many levels.
-  /// Throws Error(unsupported): see Tiling.
+  /// Arithmetic only: adds its buffers to `memory`. It computes the `layout.levels.size()` finest levels of the model, for up
+  /// to `most_images` images at a time. `variant` replaces choose_variant() for all layers. Images are tiled if their
+  /// activations need more than `most_bytes` per buffer. Precondition: the model has enough levels. Throws Error(unsupported):
+  /// see Tiling.
   Encoder(const engine::Context& context, std::shared_ptr<const Model> model, const Layout& layout, const Plan& plan,
           uint32_t most_images, engine::MemoryPlan& memory, std::optional<ConvVariant> variant = {},
           uint64_t most_bytes = kActivationBytes);
 
-  /// Makes the kernels and writes the weights. `memory` is a workspace of that plan.
+  /// Makes the kernels and writes the weights. `memory` is a workspace of the plan.
   void load(std::shared_ptr<const engine::Context> context, const engine::Workspace& memory);
 
-  /// Images first .. first + count - 1 of `pixels`, whose maps have the same numbers.
+  /// Images first .. first + count - 1 of `pixels`; their maps have the same numbers in `maps`.
   struct Images {
     const engine::Buffer* pixels;
     const engine::Buffer* maps;
     uint32_t first, count;
   };
-  /// Precondition: load(). Wherever they lie, as many of the images go through together as a pass holds.
+  /// Encodes images, images_per_pass() at a time, from several buffers if necessary. Precondition: load().
   void record(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Images> all) const;
 
   /// Room for `sources` pairs of buffers (pixels, maps).
@@ -43,20 +43,20 @@ class Encoder {
   struct Level {
     std::vector<ConvStep> steps;  // of a tile
     shaders::LevelInfo info;      // of the image
-    // What lies in either buffer in turn, with the most channels; in the other one none where its only tensor is reduced. All
-    // layers of a level have the same planes, so their borders are written once.
+    // The layout with the most channels in each of the two alternating buffers; without channels if all tensors of the buffer
+    // are reduced. All layers of a level have planes of one size, so their borders are written once.
     TensorLayout borders[2];
   };
   bool by_image() const { return model_->normalisation == Normalisation::image; }
-  /// Images of a pass, the first of which is its image `at`.
+  /// Images of a pass; the first one has index `at` in the pass.
   struct Part : Images {
     uint32_t at;
   };
   /// Mean and deviation of the images of a pass.
   void record_light(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts) const;
-  /// Of a tile.
+  /// The place of the maps of a tile.
   MapPlace map_place(const shaders::LevelInfo& info, size_t level, const Tiling::Span& column, const Tiling::Span& row) const;
-  /// Texels of the two buffers between which activations go to and fro, of so many images.
+  /// The sizes in texels of the two alternating buffers of activations, for all images of a pass.
   std::array<uint64_t, 2> activation_texels() const;
   /// One tile of each image of a pass.
   void record_tile(engine::Recorder& recorder, const engine::Workspace& memory, std::span<const Part> parts,
@@ -64,7 +64,8 @@ class Encoder {
 
   std::shared_ptr<const Model> model_;
   PixelFormat format_;
-  // Lanes of a workgroup of normalise.comp, and pixels of each: lavapipe reads what they share in the time that many take.
+  // Lanes of a workgroup of normalise.comp, and pixels per lane. On lavapipe, reading the shared values takes as long as many
+  // pixels.
   struct Normalising {
     uint32_t lanes, pixels;
   } normalising_;
@@ -73,7 +74,7 @@ class Encoder {
   std::vector<Level> levels_;
   uint32_t pass_ = 1;
   engine::BufferId activations_[2], weights_, scratch_;
-  engine::BufferId moments_, light_;  // of the images of a pass, where the model normalises by the image
+  engine::BufferId moments_, light_;  // of the images of a pass, with Normalisation::image
   engine::Kernel image_moments_, image_light_, normalise_;
   std::optional<ConvKernels> convolutions_;
   std::optional<FeatureMaps> feature_maps_;

@@ -8,12 +8,12 @@
 
 namespace iclk::internal {
 
-/// winograd4x1 on a CPU (shaders/convolution/winograd4x1_fused.comp), one of the kernels of convolutions. A reduced step makes
-/// the level's map itself.
+/// The kernels for winograd4x1 on a CPU (shaders/convolution/winograd4x1_fused.comp). A reduced step also makes the map of the
+/// level.
 class FusedColumns {
  public:
   static constexpr uint32_t kKernels = 5;
-  /// Which of the kernels a step needs, and how it is made.
+  /// The index of the kernel that a step needs, and its description.
   static uint32_t kernel_of(const ConvStep& step);
   static engine::KernelDescription description(const ConvStep& step);
   static bool can_reduce(const ConvStep& step);

@@ -6,15 +6,15 @@
 
 namespace iclk::internal {
 
-/// Layers of the M-estimator on its four channels, then a sigmoid, times `visible` (0 or 1): computed only around the visible
-/// pixels.
+/// Applies the layers of the M-estimator to its four channels, then a sigmoid and the mask `visible` (0 or 1). It computes only
+/// the neighbourhoods of visible pixels.
 Map m_estimator(const Model& model, const Planes& in, const Map& visible);
 
-/// Bilinear in pixel areas, borders repeated: u_in = (u + 0.5) in.width / width - 0.5.
+/// Resizes a map bilinearly by pixel areas, with repeated borders: u_in = (u + 0.5) in.width / width - 0.5.
 Map resized(const Map& in, int width, int height);
 
-/// The M-estimator's weight of each element at the start of a level, 0 where it is not visible. `weight` is the map of the
-/// next coarser level, empty where there is none, and becomes that of this level.
+/// The M-estimator's weight of each element at the start of a level; 0 if it is not visible. `weight` is the map of the next
+/// coarser level, or empty; it is replaced by that of this level.
 std::vector<float> m_estimator_weights(const Model& model, const Template& pixels, const Map& f1, const Camera& level_camera,
                                        const Point& at, Map& weight);
 

@@ -5,13 +5,13 @@
 
 namespace iclk::internal {
 
-/// Where the maps of a level go, and which pixels [first, end) of what is computed have one: a tile's margin has none. Floats.
-/// What a row has beyond, up to a multiple of four floats, is overwritten if `end_u` is the width of what is computed.
+/// The place of a level's maps in floats, and the computed pixels [first, end) that are written there; the margin of a tile is
+/// not. If `end_u` is the computed width, the rest of a row up to a multiple of four floats is overwritten.
 struct MapPlace {
   uint32_t offset, pitch, stride;  // of pixel (0, 0), from row to row, from image to image
   uint32_t first_u, first_v, end_u, end_v;
 
-  /// Rows can be written four pixels at a time. `width`: of what is computed.
+  /// Whether rows can be written four pixels at a time. `width`: the computed width.
   bool whole(uint32_t width) const {
     return (offset | pitch | stride | first_u) % 4 == 0 && (end_u % 4 == 0 || end_u == width);
   }
@@ -28,7 +28,7 @@ void set_place(Push& push, const MapPlace& place) {
   push.end_v = place.end_v;
 }
 
-/// Images at .. at + count - 1 of a pass, whose maps are number first_image and those that follow in `maps`.
+/// Images at .. at + count - 1 of a pass; their maps in `maps` are first_image .. first_image + count - 1.
 struct MapPart {
   const engine::Buffer* maps;
   uint32_t at, count, first_image;

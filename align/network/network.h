@@ -7,7 +7,7 @@
 
 namespace iclk::internal {
 
-/// Channels of one size, planar: `channels` maps of width x height floats, row-major.
+/// Planar channels of one size: `channels` maps of width x height floats, row-major.
 struct Planes {
   int channels = 0, width = 0, height = 0;
   std::vector<float> data;
@@ -19,11 +19,11 @@ struct Planes {
   const float* row(int channel, int v) const { return data.data() + plane() * channel + static_cast<size_t>(v) * width; }
 };
 
-/// What the encoder reads: (pixels - mean) / std, pixels in [0, 1] or normalised by the image. Three channels are R, G, B,
-/// all the same for a grey image; one channel is the luma.
+/// The input of the encoder: (pixels - mean) / std, for pixels in [0, 1] or normalised by the image. Three channels are R, G
+/// and B, or three times the value of a grey image; one channel is the luma.
 Planes network_input(const Model& model, const ImageView& image);
 
-/// 3x3 convolution with zero padding of its dilation, bias, ELU. Precondition: in.channels == layer.in.
+/// A 3x3 convolution with zero padding as wide as its dilation, then bias and ELU. Precondition: in.channels == layer.in.
 Planes convolve(const Planes& in, const ConvLayer& layer);
 
 /// 2x2 means, sizes floored.

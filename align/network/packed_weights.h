@@ -7,16 +7,16 @@
 
 namespace iclk::internal {
 
-/// A layer's place in the network's weights, in texels.
+/// The place of a layer in the network's weights, in texels.
 struct PackedLayer {
   uint32_t weights = 0, bias = 0;
 };
 
-/// Texels that PackedWeights::add() appends.
+/// The number of texels that PackedWeights::add() appends.
 uint64_t packed_texels(const ConvLayer& layer, ConvVariant variant);
 
-/// Weights of many layers as the kernels read them: blocks of eight texels (shaders/convolution/conv_weights.glsl), channels
-/// filled up with zeros, transformed for Winograd in double precision; then the biases.
+/// Weights of many layers in the order of the kernels: blocks of eight texels (shaders/convolution/conv_weights.glsl) with
+/// channels padded by zeros, transformed for Winograd in double precision; then the biases.
 class PackedWeights {
  public:
   PackedLayer add(const ConvLayer& layer, ConvVariant variant);
@@ -26,9 +26,9 @@ class PackedWeights {
   std::vector<float> data_;
 };
 
-/// Winograd with transformed tiles; else each column of an invocation by itself.
+/// Whether the variant is Winograd with transformed tiles; else each invocation transforms columns.
 bool of_whole_tiles(ConvVariant variant);
-/// Weights of a pair of channels. Of whole tiles: the positions of a transformed one.
+/// The number of weights for a pair of channels. With whole tiles: the positions of a transformed tile.
 uint32_t positions(ConvVariant variant);
 
 }  // namespace iclk::internal

@@ -5,8 +5,8 @@
 
 namespace iclk::internal {
 
-/// The lattice of cells in each of which shaders/align/choose.comp chooses a feature: nearly square, at most Plan::max_features
-/// of them, at a distance from the image's border. None in an image that is too small.
+/// The lattice of at most Plan::max_features nearly square cells; shaders/align/choose.comp chooses one feature in each. They
+/// keep a distance from the image border. Images that are too small have none.
 struct Cells {
   explicit Cells(const Plan& plan);
 

@@ -7,13 +7,13 @@
 
 namespace iclk::internal {
 
-/// The template of one level in sparse mode: for each patch pixel of `mask` its place, inverse depth, f0 and gradient.
+/// The template of one level in sparse mode: position, inverse depth, f0 and gradient of each patch pixel of `mask`.
 Template sparse_template(const Map& f0, const Features& features, std::span<const float> mask, int level);
 
-/// In dense mode: one element a pixel.
+/// The template in dense mode: one element per pixel.
 Template dense_template(const Map& f0, const Map& inverse_depth);
 
-/// Row of the template Jacobian, df0(u(Exp(xi))) / d[rho, phi] at xi = 0 (paper, eq. 3):
+/// A row of the template Jacobian, df0(u(Exp(xi))) / d[rho, phi] at xi = 0 (paper, eq. 3):
 ///   ju = fx [q, 0, -q x, -x y, 1 + x^2, -y],   jv = fy [0, q, -q y, -(1 + y^2), x y, x],   J = gu ju + gv jv.
 inline Eigen::Matrix<double, 1, 6> jacobian(const TemplatePixel& p, const Camera& level_camera) {
   const double x = (p.u - level_camera.cx) / level_camera.fx, y = (p.v - level_camera.cy) / level_camera.fy;

@@ -8,7 +8,7 @@
 
 namespace iclk::internal {
 
-/// One pixel of the mask of a level with all that the iterations need of image 0. inverse_depth 0 = outside the mask.
+/// One mask pixel of a level, with all data of image 0 that the iterations need. inverse_depth 0: outside the mask.
 /// Sparse mode: element feature * 64 + patch pixel. Dense mode: element v * width + u.
 struct TemplatePixel {
   float u = 0, v = 0;  ///< pixel of this level
@@ -19,7 +19,7 @@ struct TemplatePixel {
 
 using Template = std::vector<TemplatePixel>;
 
-/// Where the pixel (u, v) with inverse depth q falls in the other image of the same level.
+/// The position in image 1 of pixel (u, v) of image 0 with inverse depth q, at the same level.
 struct Warped {
   double u = 0, v = 0;
   bool visible = false;  ///< in front of the camera and inside the image
@@ -27,8 +27,8 @@ struct Warped {
 
 inline Warped warp(const Camera& level_camera, const SE3& T_10, double u, double v, double q) {
   const Eigen::Vector3d ray((u - level_camera.cx) / level_camera.fx, (v - level_camera.cy) / level_camera.fy, 1.0);
-  // By how far the point moves, divided by its depth in camera 0: where nothing has moved, (u, v) stays exactly where it is,
-  // and rounding does not decide which pixels of the border are seen.
+  // The motion of the point, divided by its depth in camera 0. Without motion (u, v) stays exactly the same, so rounding does
+  // not decide which border pixels are visible.
   const Eigen::Vector3d moved = (T_10.R - Eigen::Matrix3d::Identity()) * ray + q * T_10.t, p = ray + moved;
   Warped w;
   if (!(p.z() > 1e-6)) return w;
@@ -38,7 +38,7 @@ inline Warped warp(const Camera& level_camera, const SE3& T_10, double u, double
   return w;
 }
 
-/// The same where the other image's map is known: what it hides is not visible.
+/// The same with the map of image 1, whose hidden pixels are not visible.
 inline Warped warp(const Camera& level_camera, const SE3& T_10, const TemplatePixel& p, const Map& f1) {
   Warped w = warp(level_camera, T_10, p.u, p.v, p.inverse_depth);
   w.visible = w.visible && !f1.hidden(w.u, w.v);

@@ -12,14 +12,14 @@ namespace iclk::internal {
 using Matrix8d = Eigen::Matrix<double, 8, 8>;
 using Vector8d = Eigen::Matrix<double, 8, 1>;
 
-/// Pose, gain and bias at which residuals are taken: r = f1(warp(u; T_10)) - (gain f0(u) + bias).
+/// Pose, gain and bias of the residuals r = f1(warp(u; T_10)) - (gain f0(u) + bias).
 struct Point {
   SE3 T_10;
   double gain = 1, bias = 0;
 };
 
-/// Sums over the visible mask pixels of one pair at one level, in the order [rho, phi, gain, bias]. The pose's columns are
-/// those of the template itself; at gain a they count a times (`Point::gain`), which the solver applies.
+/// Sums over the visible mask pixels of one pair at one level, in the order [rho, phi, gain, bias]. The columns of the pose are
+/// those of the template; the solver multiplies them by Point::gain.
 struct NormalSums {
   Matrix8d H = Matrix8d::Zero();  ///< sum w J^T J
   Vector8d g = Vector8d::Zero();  ///< sum w J^T r
@@ -30,23 +30,23 @@ struct NormalSums {
   double weight() const { return H(7, 7); }
   double visible_fraction() const { return masked > 0 ? visible / masked : 0; }
   double mean_cost() const { return weight() > 0 ? cost / weight() : 0; }
-  /// Correlation of f0 and the warped f1 over the weighted pixels, from the moments in H and g. 0 where either is constant.
+  /// The correlation of f0 and the warped f1 over the weighted pixels, from the moments in H and g. 0 if one is constant.
   double correlation(const Point& at) const;
-  /// Whether neither is constant.
+  /// Whether both are not constant.
   bool textured(const Point& at) const;
 
  private:
   struct Moments {
     double v0, v1, v01;  // variances and covariance, times the weight
-    double m0, m1;       // sums of the magnitudes that v0 and v1 are differences of
+    double m0, m1;       // sums of the magnitudes of the terms of v0 and v1
   };
   Moments moments(const Point& at) const;
 };
 
-/// Residual of each element at a point; NaN where the pixel is not in the mask or not visible.
+/// The residual of each element at a point; NaN for pixels outside the mask and invisible ones.
 std::vector<float> residuals(const Template& pixels, const Map& f1, const Camera& level_camera, const Point& at);
 
-/// weights: one an element, empty = 1. Invisible pixels count nowhere.
+/// Computes the sums. `weights`: one per element; empty: 1. Invisible pixels are left out.
 NormalSums normal_equations(const Template& pixels, const Map& f1, const Camera& level_camera, const Point& at,
                             std::span<const float> weights);
 

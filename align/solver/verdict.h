@@ -8,7 +8,7 @@
 
 namespace iclk::internal {
 
-/// What any solver knows of a pair when its iterations are over, in the finest level's units.
+/// The state of a pair after its iterations, from any solver, in units of the finest level.
 struct Ending {
   Point point;
   NormalSums sums;        ///< at `point`
@@ -21,18 +21,18 @@ struct Ending {
   double repeats = 0;                ///< share of the features that look the same elsewhere in the target
 };
 
-/// Fills pose, H, covariance, cost, correlation, visible fraction, gain, bias, status and reason of `alignment` from an ending:
-/// the one place where an alignment is judged, for every solver.
+/// Judges an alignment of any solver: fills pose, H, covariance, cost, correlation, visible fraction, gain, bias, status and
+/// reason.
 void conclude(const Ending& ending, const AlignerOptions& options, Alignment& alignment);
 
-/// A pair whose last step at the finest level was longer than this (px) has not come to rest.
+/// If the last step at the finest level is longer than this (px), the pair has not converged.
 double still_moving(const AlignerOptions& options);
 
-/// False if so few features (in dense mode: pixels with depth) are usable that no alignment should be tried.
+/// Whether there are enough usable features (in dense mode: pixels with depth) to try an alignment.
 bool enough_to_align(std::span<const FeatureCheck> checks, double mean_inverse_depth, const Plan& plan,
                      const AlignerOptions& options);
 
-/// The verdict on such a pair.
+/// The result of a pair with too few.
 Alignment too_few_features(const std::vector<FeatureCheck>& checks, const SE3& T_10, const AlignerOptions& options);
 
 }  // namespace iclk::internal
