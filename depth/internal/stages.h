@@ -6,12 +6,13 @@
 
 namespace iclk::internal {
 
-/// What the stages left of the last DepthSweep::compute(), for tests.
+/// Intermediate results of the last DepthSweep::compute(), for tests.
 struct DepthStages {
-  /// Costs, and the sums of a path: a byte a plane, of the last strip.
+  /// The costs of the last strip, one byte per plane.
   static std::vector<uint8_t> volume(const DepthSweep& sweep);
+  /// The sums of a path of the last strip, one byte per plane.
   static std::vector<uint8_t> path(const DepthSweep& sweep, int index);
-  /// Signatures of the census, the reference first.
+  /// The census signatures, the reference first.
   static std::vector<uint32_t> census(const DepthSweep& sweep);
 };
 

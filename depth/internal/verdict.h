@@ -3,7 +3,7 @@
 
 namespace iclk::internal {
 
-/// Sets status and reason from what else the map holds, without sparse depths.
+/// Sets status and reason from the other fields of the map, without sparse depths.
 void judge(DepthMap& map);
 
 }  // namespace iclk::internal

@@ -3,10 +3,10 @@
 
 namespace iclk::internal {
 
-/// What the rounds have led to: status, reason, pose, covariance and, with RefinerOptions::structure, depths.
+/// Sets the result after the rounds: status, reason, pose, covariance and, with RefinerOptions::structure, depths.
 void conclude(const View& view, const RefinerOptions& options, const Pair& pair, PoseCandidate& candidate);
 
-/// Poses that may rival an answer. `reference`: its grey map of level 0.
+/// Searches for poses that may rival an answer. `reference`: its grey map of level 0.
 Elsewhere look_elsewhere(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,
                          const RefinedAlignment& answer);
 

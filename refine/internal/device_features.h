@@ -1,5 +1,5 @@
 #pragma once
-// The kernel of feature alignment: what DeviceFeatureAligner and DeviceRefiner share.
+// The kernel of feature alignment, for DeviceFeatureAligner and DeviceRefiner.
 #include <iclk/align/device/parts.h>
 #include <iclk/engine/compute/kernel.h>
 #include <iclk/refine/feature_alignment.h>
@@ -12,7 +12,7 @@ namespace iclk::internal {
 engine::KernelDescription feature_alignment_kernel();
 shaders::FeatureAlignmentPush feature_alignment_push(const FeatureAlignmentOptions& options, const DeviceMaps& maps);
 
-/// A feature as kernels take it; `ok`: FeatureCheck. Without a sigma of its depth: 0.
+/// Packs a feature for kernels. `ok`: its FeatureCheck is ok. An unknown depth sigma becomes 0.
 shaders::FeatureInfo pack_feature(const Features& features, size_t index, bool ok);
 AlignedFeature unpack_feature(const shaders::AlignedInfo& info);
 

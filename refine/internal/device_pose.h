@@ -16,24 +16,25 @@ struct PoseBuffers {
   PoseBuffers(int pairs, int features, bool unified_memory);
   engine::MemoryPlan plan;
   engine::BufferId pairs, features, tasks, aligned, observations, states, turns, refined;
-  std::optional<engine::BufferId> aligned_read, refined_read;  // where device memory cannot be mapped
+  std::optional<engine::BufferId> aligned_read, refined_read;  // if device memory is not mapped
 };
 
-/// Pose refinement on the device: shaders/refine/refine_*.comp. Records between and around the rounds of feature alignment.
+/// Pose refinement on the device: the shaders `shaders/refine/refine_*.comp`. Records the steps between the rounds of feature
+/// alignment, before and after them.
 class DevicePose {
  public:
   DevicePose(const std::shared_ptr<const engine::Context>& context, const RefinerOptions& options, int width, int height);
 
-  /// Tasks of the first round from ICLK's `results` (shaders::ResultInfo).
+  /// Makes the tasks of the first round from ICLK's `results` (shaders::ResultInfo).
   void start(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory, const engine::Buffer& results,
              uint32_t pairs) const;
-  /// Poses of what feature alignment has found, and the tasks of the next round.
+  /// Computes poses from the aligned features, and makes the tasks of the next round.
   void round(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
              const engine::Buffer& references, uint32_t pairs) const;
-  /// After the last round, where RefinerOptions::rolling_shutter: the turns that features prove, and the poses without them.
+  /// After the last round, if RefinerOptions::rolling_shutter: finds proven turns and corrects the poses for them.
   void unbend(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
               const engine::Buffer& references, uint32_t pairs) const;
-  /// `rivals`: no start stands unconfirmed, and the last round's pose is kept whatever the verdict.
+  /// Judges the poses. `rivals`: unconfirmed starts are not kept, and the last round's pose is kept for every verdict.
   void verdict(engine::Recorder& recorder, const PoseBuffers& ids, const engine::Workspace& memory,
                const engine::Buffer& references, uint32_t pairs, bool rivals = false) const;
 

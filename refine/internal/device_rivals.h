@@ -9,25 +9,25 @@
 
 namespace iclk::internal {
 
-/// Buffers of what is asked of up to `pairs` answers, of `features` features each.
+/// Buffers of the search for rivals of up to `pairs` answers.
 struct RivalBuffers {
   RivalBuffers(int pairs, const MatchLayout& layout);
   engine::MemoryPlan plan;
   engine::BufferId questions, sought, descriptors, cells, correspondences, hypotheses, results;
 };
 
-/// Poses that rival an answer, on the device: refine/internal/rivals.h in shaders. Works on what a DeviceAligner that matches
-/// has left of its last batch.
+/// Searches for rivals of answers on the device: refine/internal/rivals.h in shaders. It uses the data of the last batch of a
+/// DeviceAligner with a search by matching.
 class DeviceRivals {
  public:
   DeviceRivals(const DeviceAligner& aligner, const RefinerOptions& options);
   const MatchLayout& layout() const { return matching_.layout(); }
 
-  /// Poses among the places that look like features elsewhere: ResultInfo, rival j of pair i at j * pairs + i.
+  /// Finds poses from places that look like features elsewhere. Results are ResultInfo, rival j of pair i at j * pairs + i.
   void find(engine::Recorder& recorder, const RivalBuffers& ids, const engine::Workspace& memory,
             const PoseBuffers& answers_ids, const engine::Workspace& answers, const engine::Buffer& references,
             uint32_t pairs) const;
-  /// The final word on every answer.
+  /// Compares every answer with its rivals.
   void weigh(engine::Recorder& recorder, const RivalBuffers& ids, const engine::Workspace& memory,
              const PoseBuffers& answers_ids, const engine::Workspace& answers, const PoseBuffers& rivals_ids,
              const engine::Workspace& rivals, const engine::Buffer& references, uint32_t pairs) const;

@@ -14,39 +14,38 @@ class DeviceAligner;
 
 namespace iclk::internal {
 
-/// All features of one pair, warped by one pose. The slot must not have been set anew since that align().
+/// All features of one pair, warped by one pose. Precondition: the slot has not been set again since that align().
 struct FeatureAlignmentTask {
   int reference = 0;  ///< slot of the aligner
   int pair = 0;       ///< index in the aligner's last align()
   SE3 T_10;
-  GreyWeights grey = kLuma;  ///< of the target's colours, if it has any; the same in all tasks of a pair
-  bool colours = false;      ///< AlignedFeatures::colours is wanted
+  GreyWeights grey = kLuma;  ///< for the colours of the target, if it has any; equal in all tasks of a pair
+  bool colours = false;      ///< compute AlignedFeatures::colours
 };
 
-/// Throws Error(invalid_argument) for a slot or a pair outside a plan of so many.
+/// Throws Error(invalid_argument) for a slot or a pair outside a plan with these sizes.
 void check(const FeatureAlignmentTask& task, int references, int pairs);
 
 struct AlignedFeatures {
-  std::vector<AlignedFeature> features;  ///< one a feature of the task's reference, in order
-  /// One a feature, where the task asks and the target has colours, else empty. All zero unless aligned.
+  std::vector<AlignedFeature> features;  ///< one per feature of the task's reference, in order
+  /// One per feature if the task requests them and the target has colours, else empty. Zero unless aligned.
   std::vector<ColourSums> colours;
 };
 
-/// Feature alignment over a batch, on the grey maps of the images that an Aligner holds. With a model too: gain, bias,
-/// correlation and texture are photometric, and the encoder's maps are not. One thread at a time, and not while the aligner
-/// aligns.
+/// Feature alignment over a batch, on the grey maps of an Aligner's images. It uses grey maps with a model too, because gain,
+/// bias, correlation and texture are photometric. One thread at a time, and not while the aligner runs.
 class FeatureAligner {
  public:
   virtual ~FeatureAligner() = default;
 
-  /// One result a task, in order. Throws Error(invalid_argument) for a slot or a pair that the aligner does not hold, and for a
-  /// lost device.
+  /// Returns one result per task, in order. Throws Error(invalid_argument) for a slot or pair that the aligner does not have;
+  /// Error(device_lost).
   virtual std::vector<AlignedFeatures> align(std::span<const FeatureAlignmentTask> tasks) = 0;
 
-  /// As Aligner's.
+  /// See Aligner::warm_up().
   virtual void warm_up() {}
 
-  /// The most pairs of one align() of the aligner whose targets are all still there afterwards.
+  /// The largest number of pairs of one align() whose targets the aligner still has afterwards.
   virtual int pairs_per_batch() const = 0;
 };
 
@@ -54,14 +53,14 @@ class FeatureAligner {
 std::unique_ptr<FeatureAligner> make_cpu_feature_aligner(const CpuAligner& aligner,
                                                          const FeatureAlignmentOptions& options = {});
 
-/// shaders/refine/feature_alignment.comp on the grey maps of a DeviceAligner, one submission a call; the same contract, single
-/// precision. `aligner` must outlive it. Memory is allocated here, for the aligner's plan; with a model also that of the grey
-/// maps (internal::GreyMaps). Throws Error(unsupported) if it does not fit.
+/// shaders/refine/feature_alignment.comp on the grey maps of a DeviceAligner, in single precision, with one submission per
+/// call. `aligner` must outlive it. This call allocates the memory for the aligner's plan, with a model also the grey maps
+/// (internal::GreyMaps). Throws Error(unsupported) if it does not fit.
 std::unique_ptr<FeatureAligner> make_device_feature_aligner(const DeviceAligner& aligner,
                                                             const FeatureAlignmentOptions& options = {});
 
-/// The feature aligner that works where `aligner` keeps its images; `aligner` must outlive it.
-/// Throws Error(unsupported) for an Aligner that is not one of the library's.
+/// Makes the feature aligner for the type of `aligner`, which must outlive it. Throws Error(unsupported) for an Aligner that is
+/// not from this library.
 std::unique_ptr<FeatureAligner> make_feature_aligner(Aligner& aligner, const FeatureAlignmentOptions& options = {});
 
 }  // namespace iclk::internal

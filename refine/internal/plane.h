@@ -6,8 +6,8 @@
 
 namespace iclk::internal {
 
-/// Number of aligned features that one homography puts within `inlier_distance` px of where they were found: what a plane
-/// explains without any depth. Deterministic.
+/// The number of aligned features that the best homography maps to within `inlier_distance` px of their positions: a plane
+/// explains these without depths. Deterministic.
 int plane_inliers(const Features& features, std::span<const AlignedFeature> aligned, double inlier_distance);
 
 }  // namespace iclk::internal

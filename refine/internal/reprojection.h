@@ -12,12 +12,12 @@
 
 namespace iclk::internal {
 
-/// T_10 as Ceres sees it: R column by column, then t.
+/// T_10 as a parameter block of Ceres: R column by column, then t.
 using PoseBlock = Eigen::Matrix<double, 12, 1>;
 PoseBlock to_block(const SE3& T);
 SE3 to_pose(const double* block);
 
-/// T_10 Exp(xi), so that Ceres's tangent space is our twist [rho, phi].
+/// The manifold T_10 Exp(xi): the tangent space of Ceres is the twist [rho, phi].
 class PoseManifold final : public ceres::Manifold {
  public:
   int AmbientSize() const override { return 12; }
@@ -28,9 +28,10 @@ class PoseManifold final : public ceres::Manifold {
   bool MinusJacobian(const double* x, double* jacobian) const override;
 };
 
-inline constexpr double kMinDepth = 1e-6;  // of X1 times q, as in the aligner's residual
+inline constexpr double kMinDepth = 1e-6;  // of X1 times q, as in the residual of Aligner
 
-/// W (project_1(R ray + q t) - uv1): linear in the pose block up to the projection, and finite for points at any distance.
+/// The residual W (project_1(R ray + q t) - uv1). It is linear in the pose block before the projection, and finite for points
+/// at any distance.
 class ReprojectionCost final : public ceres::SizedCostFunction<2, 12, 1> {
  public:
   /// `ray`: of camera 0, at depth 1. Points less than `least_depth` / q in front of camera 1 have no residual.
@@ -47,7 +48,7 @@ class ReprojectionCost final : public ceres::SizedCostFunction<2, 12, 1> {
   double least_depth_;
 };
 
-/// weight (q - q0).
+/// The residual weight (q - q0).
 class DepthPriorCost final : public ceres::SizedCostFunction<1, 1> {
  public:
   DepthPriorCost(double q0, double weight) : q0_(q0), weight_(weight) {}
@@ -61,57 +62,60 @@ class DepthPriorCost final : public ceres::SizedCostFunction<1, 1> {
   double q0_, weight_;
 };
 
-/// sigma_0 (covariance + sigma_0^2 I)^-1/2, symmetric.
+/// The symmetric matrix sigma_0 (covariance + sigma_0^2 I)^-1/2.
 Eigen::Matrix2d whitening(const Eigen::Matrix2d& covariance, double sigma_0);
 
-/// Mean inverse depth of the features that have one: with lengths times that, tolerances and conditioning are the same for
-/// scenes in millimetres and in kilometres. 1 where there is none.
+/// The mean inverse depth of the features, or 1 if none has one. Lengths are multiplied by it, so that tolerances and
+/// conditioning are the same for scenes in millimetres and in kilometres.
 double unit_of(const Features& features);
 Features in_unit(const Features& features, double unit);
 SE3 in_unit(const SE3& T_10, double unit);
 void from_unit(double unit, PoseResult& result);
 
-/// A feature that takes part.
+/// A feature that is used.
 struct Observation {
   int feature = 0;
   Eigen::Vector2d uv0, uv1;
   double q = 0;
-  double depth_sigma = 0;  ///< relative, of q; 0: the feature has none
+  double depth_sigma = 0;  ///< relative, of q; 0: unknown
   Eigen::Matrix2d covariance, W;
 };
 
-/// px, not whitened; none where the point is behind the camera.
+/// The residual in px, not whitened; nothing if the point is behind the camera.
 std::optional<Eigen::Vector2d> residual(const Camera& camera, const Observation& o, const SE3& T_10);
 
-/// Aligned features in front of camera 1, whitened without regard to their depths. Throws Error(invalid_argument) for lengths
-/// that differ and a pose that is not finite.
+/// The aligned features in front of camera 1, whitened without depth errors. Throws Error(invalid_argument) for vectors of
+/// different lengths and a pose that is not finite.
 std::vector<Observation> observations(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10, double sigma_0);
-/// Residuals of the observations at T_10, whitened; a point behind the camera is infinitely far off.
+/// Norms of the whitened residuals of the observations at T_10; infinite for points behind the camera.
 std::vector<double> residual_norms(const Camera& camera, std::span<const Observation> observations, const SE3& T_10);
 
-/// rho(r^2) / 2 of the Cauchy loss, mean. `scale`: px.
+/// The mean of rho(r^2) / 2 of the Cauchy loss. `scale`: px.
 double cauchy_cost(std::span<const double> norms, double scale);
 
-/// What the M-estimator makes of residuals that do not all come from one Gaussian: with psi(r) = w r,
+/// The factor of the M-estimator's covariance, for residuals that are not all from one Gaussian: with psi(r) = w r,
+///
 ///   covariance = factor (J^T W J)^-1,   factor = [sum |psi|^2 / (2 n - p)] mean(w) / mean(w^2)^2
-/// (Huber 1981, 7.6; mean psi' of the Cauchy loss in two dimensions is the mean of w^2). Never less than the variance that the
-/// median of |r| stands for: where residuals are wider than the loss, the estimate seeks a mode and the formula is far too sure
-/// of it (residuals of 1 px, loss of 0.3 px, 50 features: normalised error 4.6 without, 0.5 with).
+///
+/// (Huber 1981, 7.6; the mean of psi' of the Cauchy loss in two dimensions is the mean of w^2). It is at least the variance
+/// that follows from the median of |r|. If residuals are wider than the loss, the estimate finds a mode, and the formula gives
+/// a much too small covariance (residuals of 1 px, loss of 0.3 px, 50 features: normalised error 4.6 without this bound, 0.5
+/// with it).
 double variance_factor(std::span<const double> norms, double scale, int parameters);
 
 ceres::Solver::Options solver_options(int iterations);
 
-/// How a solver ended.
+/// The outcome of a solver.
 struct Ending {
   bool usable = false, converged = false;
   int iterations = 0;
-  std::string message;  ///< of one that is not usable
+  std::string message;  ///< if not usable
 };
 Ending ending(const ceres::Solver::Summary& summary);
 
-/// used, inliers, cost and status from the residuals at the final pose; true if that is one to state a covariance of. `scale`:
-/// of the Cauchy loss, px.
+/// Sets used, inliers, cost and status from the residuals at the final pose. Returns whether the pose gets a covariance.
+/// `scale`: of the Cauchy loss, px.
 bool judge(std::span<const Observation> observations, const Camera& camera, const Ending& ending, const PoseOptions& options,
            double scale, PoseResult& result);
 

@@ -8,13 +8,13 @@
 
 namespace iclk::internal {
 
-/// A pose on its way through the rounds.
+/// The state of a pose during the rounds.
 struct PoseCandidate {
   size_t pair = 0;  ///< of the batch
   RefinedAlignment* result = nullptr;
   SE3 T_10;  ///< warps the next round
   PoseResult pose = {};
-  int least = 0;  ///< inliers; with fewer there is no further round
+  int least = 0;  ///< with fewer inliers, there is no further round
 };
 
 View view_of(const Aligner& aligner, int slot);
@@ -22,7 +22,7 @@ View view_of(const Aligner& aligner, int slot);
 /// Sets pose and cost of the stage `name`, and adds to its time.
 void record_stage(RefinedAlignment& r, const char* name, const SE3& T_10, double cost, double ms);
 
-/// Rounds of feature alignment and pose for all candidates together, until none moves any more.
+/// Runs rounds of feature alignment and pose for all candidates together, until no pose changes.
 void run_rounds(const Aligner& aligner, FeatureAligner& feature_aligner, const RefinerOptions& options,
                 std::span<const Pair> pairs, std::span<PoseCandidate> candidates);
 

@@ -7,7 +7,7 @@ namespace iclk::internal {
 
 struct StructureOptions {
   PoseOptions pose;
-  double relative_sigma = 0.02;  ///< sigma of an inverse depth over the inverse depth, where Features has none
+  double relative_sigma = 0.02;  ///< relative sigma of inverse depths for which Features has none
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
@@ -19,9 +19,8 @@ struct StructureResult {
   std::vector<double> inverse_depth_sigma;  ///< N: posterior where used and converged, else the prior's (0: no depth)
 };
 
-/// Pose and inverse depths of the aligned features together. Adds to the sum of refine_pose, for every used feature, the prior
-///   (sigma_0 (q_i - q0_i) / sigma_q_i)^2.
-/// The depths are eliminated first (Schur complement).
+/// Refines the pose and the inverse depths of the aligned features together. To the sum of refine_pose() it adds the prior
+/// (sigma_0 (q_i - q0_i) / sigma_q_i)^2 of every used feature. The depths are eliminated first (Schur complement).
 StructureResult refine_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                  const SE3& T_10, const StructureOptions& options = {});
 

@@ -12,42 +12,44 @@
 
 namespace iclk::internal {
 
-/// A feature of a reference, and where it was found in a target.
+/// A feature of a reference and its position in a target.
 struct RollingSighting {
   Eigen::Vector2d uv0, uv1;
   double inverse_depth = 0;
-  double inverse_depth_sigma = 0;  ///< standard deviation; along the epipolar line the sighting says less by it
+  double inverse_depth_sigma = 0;  ///< it reduces the weight along the epipolar line
 };
 
-/// How far a camera turned while its rows were read, by how that bends the image, as no pose does.
+/// The rotation of a camera while its rows were read. It bends the image in a way that no pose explains.
 struct TurnEstimate {
-  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, in the camera's axes, beyond what the image was unrolled with
+  Eigen::Vector3d turn = Eigen::Vector3d::Zero();  ///< rad, in the axes of the camera, beyond the turn that was corrected
   Eigen::Matrix3d covariance = Eigen::Matrix3d::Zero();
-  SE3 T_10;                                 ///< found with it
-  Matrix6d pose_share = Matrix6d::Zero();   ///< what the turn's uncertainty adds to the covariance of T_10, [rho, phi]
-  double chi2() const;                      ///< of the turn against none: 3 degrees of freedom
-  double bend(const Camera& camera) const;  ///< px: how far the turn moves a pixel of the first or the last row, at most
+  SE3 T_10;                                 ///< estimated together with the turn
+  Matrix6d pose_share = Matrix6d::Zero();   ///< the part of the covariance of T_10 from the turn's uncertainty, [rho, phi]
+  double chi2() const;                      ///< of the turn against no turn, 3 degrees of freedom
+  double bend(const Camera& camera) const;  ///< the largest motion of a pixel of the first or last row by the turn, px
   bool proven(const Camera& camera) const;  ///< chi2() above 50 and bend() above 0.5 px
-  /// That the camera turned, against that it did not: both as likely before, turns of 0.01 rad an axis expected.
+  /// The probability that the camera turned. A priori it turned or not with equal probability; the sigma of turns is 0.01 rad
+  /// per axis.
   double probability() const;
-  /// What a turn that is not proven adds to the covariance of `straight`, the pose found without it: with probability() the
-  /// truth is T_10, as uncertain as pose_share.
+  /// The covariance that an unproven turn adds to `straight`, the pose estimated without it. With probability() the truth is
+  /// T_10, with the uncertainty pose_share.
   Matrix6d doubt(const SE3& straight) const;
 };
-/// Pose and turn together, by robust least squares about T_10. `rows`: of both images. `turn_0`: the reference's own, rad.
-/// `sigma`: px, of the positions; `prior_sigma`: rad, of the turn about zero, an axis. Nothing where the sightings are too few.
+/// Estimates pose and turn together, by robust least squares that start at T_10. `rows`: of both images. `turn_0`: of the
+/// reference, rad. `sigma`: of the positions, px. `prior_sigma`: of the turn around zero, rad per axis. Nothing if there are
+/// too few sightings.
 std::optional<TurnEstimate> estimate_turn(const Camera& camera, const RowTimes& rows, const SE3& T_10,
                                           const Eigen::Vector3d& turn_0, std::span<const RollingSighting> sightings,
                                           double sigma, double prior_sigma);
 
-/// The turn of a pair's target in relation to its reference's, from the aligned features and the scatter that their residuals
-/// have; nothing where they are too few. That both images are bent alike is not seen and does no harm. Preconditions as of
-/// refine_pose().
+/// Estimates the turn of a pair's target minus that of its reference, from the aligned features and the scatter of their
+/// residuals. Nothing if there are too few. A bend that both images share is not detected, and it does not affect the pose.
+/// Preconditions: those of refine_pose().
 std::optional<TurnEstimate> pair_turn(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10);
 
-/// Where a camera that turned by `turn` while its rows were read would have seen uv, had it read all at once.
-/// Precondition: a turn below a radian.
+/// Corrects uv for a camera that turned by `turn` while its rows were read: the position with a global shutter.
+/// Precondition: a turn below one radian.
 Eigen::Vector2d unrolled(const Camera& camera, const Eigen::Vector3d& turn, const Eigen::Vector2d& uv);
 
 }  // namespace iclk::internal

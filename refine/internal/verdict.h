@@ -6,14 +6,14 @@
 
 namespace iclk::internal {
 
-/// What a pair shows after its last round.
+/// The state of a pair after its last round.
 struct Evidence {
-  int visible = 0;     ///< features whose patch the pose puts inside image 1
-  int candidates = 0;  ///< of these, with texture: the rest says nothing about the pose
+  int visible = 0;     ///< features whose patches the pose projects into image 1
+  int candidates = 0;  ///< of these, the ones with texture; the others do not constrain the pose
   int aligned = 0, inliers = 0, rounds = 0;
-  bool guessed = false;   ///< the pose began at a first guess, and was not searched for
+  bool guessed = false;   ///< the pose started at a first guess, without a search
   double sigma = 0;       ///< px, of the reprojection residuals
-  double correction = 0;  ///< px, median over the features of what refinement moved them by
+  double correction = 0;  ///< px, median over the features of their motion by the refinement
   Status pose_status = Status::diverged;
   std::string pose_reason;
 };
@@ -21,14 +21,14 @@ struct Evidence {
 struct Verdict {
   Status status = Status::diverged;
   std::string reason;
-  bool compatible = true;  ///< false: the features speak against the pose that ICLK found
+  bool compatible = true;  ///< false: the features contradict ICLK's pose
 };
 
-/// Over the whole way. shaders/refine/refine_verdict.comp decides alike.
+/// The verdict on alignment and refinement. shaders/refine/refine_verdict.comp applies the same rules.
 Verdict judge(const Evidence& evidence, std::span<const AlignedFeature> features, const Recolouring& recolouring,
               const RefinerOptions& options);
 
-/// "38 of 50 features within 1.5 px".
+/// For example "38 of 50 features within 1.5 px".
 std::string inliers_text(int inliers, int used, const PoseOptions& options);
 
 }  // namespace iclk::internal

@@ -8,14 +8,14 @@ namespace iclk::internal {
 
 using Matrix12d = Eigen::Matrix<double, 12, 12>;
 
-/// A state of a chain, by the rows of the Jacobian that it brings: of itself alone, and of itself and the next one.
+/// The rows of the Jacobian for a state of a chain: rows of this state, and rows that couple it to the next one.
 struct ChainLink {
   Eigen::Matrix<double, Eigen::Dynamic, 12> own;
   Matrix12d to_next = Matrix12d::Zero(), next = Matrix12d::Zero();  ///< zero for the last
 };
 
-/// The states' own blocks of (J^T J)^-1, in time that grows with their number: QR from link to link, which squares no
-/// condition, and back. Not finite where the rows do not determine a state.
+/// The diagonal blocks of (J^T J)^-1, one per state, in linear time. QR runs from link to link and back, which avoids squaring
+/// the condition number. Blocks of states that the rows do not determine are not finite.
 std::vector<Matrix12d> chain_covariances(std::span<const ChainLink> links);
 
 }  // namespace iclk::internal

@@ -1,5 +1,5 @@
 #pragma once
-// What adjust_rig() and smooth_flex() minimise. Poses are PoseBlocks (refine/internal/reprojection.h).
+// The costs of adjust_rig() and smooth_flex(). Poses are PoseBlocks (refine/internal/reprojection.h).
 #include <ceres/ceres.h>
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -12,7 +12,7 @@ namespace iclk::internal {
 
 inline constexpr double kLeastDepth = 1e-3;  // of a point in the right camera, times its inverse depth
 
-/// (|t| - length) / sigma.
+/// The residual (|t| - length) / sigma.
 class BaselineCost final : public ceres::SizedCostFunction<1, 12> {
  public:
   BaselineCost(double length, double sigma) : length_(length), weight_(1 / sigma) {}
@@ -35,7 +35,7 @@ class BaselineCost final : public ceres::SizedCostFunction<1, 12> {
 
 using State = Eigen::Matrix<double, 12, 1>;  // xi, velocity
 
-/// W Log(T_measured^-1 mean Exp(xi)).
+/// The residual W Log(T_measured^-1 mean Exp(xi)).
 class MeasurementCost final : public ceres::SizedCostFunction<6, 12> {
  public:
   MeasurementCost(const SE3& T_measured, const Matrix6d& covariance, const SE3& mean) : T_(T_measured.inverse() * mean) {
@@ -58,7 +58,7 @@ class MeasurementCost final : public ceres::SizedCostFunction<6, 12> {
   Matrix6d W_;
 };
 
-/// W [xi_1 - xi_0 - dt v_0; v_1 - v_0], the covariance of white acceleration over dt.
+/// The residual W [xi_1 - xi_0 - dt v_0; v_1 - v_0]; its covariance is that of white acceleration over dt.
 class MotionCost final : public ceres::SizedCostFunction<12, 12, 12> {
  public:
   MotionCost(double dt, const Vector6d& density) {
@@ -83,7 +83,7 @@ class MotionCost final : public ceres::SizedCostFunction<12, 12, 12> {
   Matrix12d F_, W_ = Matrix12d::Zero();
 };
 
-/// The stated deviations, of position and speed.
+/// The prior of a state at zero, with the standard deviations of position and velocity.
 class BoundCost final : public ceres::SizedCostFunction<12, 12> {
  public:
   explicit BoundCost(const State& sigma) : weight_(sigma.cwiseInverse()) {}

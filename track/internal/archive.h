@@ -1,6 +1,6 @@
 #pragma once
-// What a tracker knows as bytes: one function says what belongs to it, for writing and reading alike. The order of bytes is
-// the machine's: a state continues a run where it was stopped, it is not a file format.
+// Converts the state of a tracker to bytes and back. One function lists the members, for both writing and reading. The byte
+// order is that of the machine, because a state continues a stopped run and is not a file format.
 #include <cstring>
 #include <map>
 #include <optional>
@@ -46,7 +46,8 @@ class Reader {
   std::span<const uint8_t> bytes_;
 };
 
-/// Anything with archive(Stream&, T&): plain values, Eigen's, containers of these; other types bring their own.
+/// archive(stream, value) writes or reads plain values, types of Eigen, and containers of these. Other types define their own
+/// overload.
 template <class Stream, Plain T>
 void archive(Stream& s, T& value) {
   s.raw(&value, sizeof(T));
@@ -71,7 +72,7 @@ void archive(Stream& s, SE3& T) {
   archive(s, T.t);
 }
 
-/// A container's length. An element takes a byte at least, so that a broken length cannot ask for all memory.
+/// The length of a container. Each element needs at least one byte, so a damaged length cannot allocate all memory.
 template <class Stream>
 size_t archive_size(Stream& s, size_t size) {
   uint64_t n = size;

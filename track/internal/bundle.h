@@ -9,23 +9,23 @@
 
 namespace iclk::internal {
 
-/// A keyframe of a bundle: its pose, and its features with what is known of their inverse depths.
+/// A keyframe of a bundle: its pose, and its features with priors of their inverse depths.
 struct BundleFrame {
   SE3 T_WC;
-  bool fixed = false;  ///< pose and inverse depths stay
+  bool fixed = false;  ///< pose and inverse depths are constant
   std::vector<Eigen::Vector2d> uv;
   std::vector<double> inverse_depth;
   std::vector<double> prior, prior_sigma;  ///< of inverse_depth: mean and standard deviation; sigma 0: none
 };
 
-/// Feature `feature` of frame `frame`, seen in the image of frame `seen_in`.
+/// The position of feature `feature` of frame `frame` in the image of frame `seen_in`.
 struct BundleSighting {
   int frame = 0, feature = 0, seen_in = 0;
   Eigen::Vector2d uv;
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  ///< px^2
 };
 
-/// A motion between two frames that was found otherwise: T_to_from = mean Exp(xi), xi of this covariance, [rho, phi].
+/// A separately estimated motion between two frames: T_to_from = mean Exp(xi), with this covariance of xi = [rho, phi].
 struct BundleEdge {
   int from = 0, to = 0;
   SE3 T_to_from;
@@ -33,7 +33,7 @@ struct BundleEdge {
 };
 
 struct BundleOptions {
-  double floor = 0.2;  ///< px: what a sharp sighting is still wrong by, a floor of every covariance
+  double floor = 0.2;  ///< px: the error of a sharp sighting, a lower bound of every standard deviation
   int iterations = 12;
 };
 
@@ -43,12 +43,12 @@ struct BundleResult {
   int sightings = 0;
 };
 
-/// Poses and inverse depths of all frames together:
+/// Adjusts poses and inverse depths of all frames together:
 ///
 ///   min sum rho(|W (project(T_jW T_Wi ray / q) - uv)|^2) + sum ((q - prior) / sigma)^2 + sum |xi|^2 of the edges
 ///
-/// with W = (covariance + floor^2 I)^-1/2 and Cauchy's loss; inverse depths are eliminated first. Sightings behind a camera are
-/// left out. Where no frame is fixed, the first one is held. Precondition: indices within the frames.
+/// with W = (covariance + floor^2 I)^-1/2 and the Cauchy loss; inverse depths are eliminated first. Sightings behind a camera
+/// are left out. If no frame is fixed, the first one is. Precondition: all indices are valid.
 BundleResult adjust(const Camera& camera, std::span<BundleFrame> frames, std::span<const BundleSighting> sightings,
                     std::span<const BundleEdge> edges = {}, const BundleOptions& options = {});
 

@@ -11,18 +11,18 @@ namespace iclk::internal {
 
 inline constexpr double kCornerDistance = 8;  ///< px between two features
 
-/// The tracker's own choice, beside detect_features() of iclk/session/detect.h: features of a frame where its depth is known:
-/// per cell of a lattice the places with the most texture, round by round, until there are `count`; `border` px stay free.
-/// `grey` is level 0; `depth` r32f of the same size, 0 or NaN where there is none; `mask` r8 of the same size, 0 where nothing
-/// is to be looked at: no patch reaches into that. It may be empty.
+/// The detector of the tracker (others use detect_features() of iclk/session/detect.h). It chooses features of a frame with
+/// known depth: in each cell of a lattice the points with the most texture, round by round, until there are `count`.
+///
+/// `grey` is level 0; `border` px at the image border stay free. `depth`: r32f of the same size, 0 or NaN: unknown. `mask`: r8
+/// of the same size, or empty; no patch covers pixels that are 0.
 Features detect_corners(const Map& grey, const ImageView& depth, const ImageView& mask, int count, int border);
 
-/// As many more places with texture, in the same way, where no depth is known, away from those that are `taken`. `depth` may
-/// be empty.
+/// Chooses `count` textured points without known depth in the same way, away from the points in `taken`. `depth` may be empty.
 std::vector<Eigen::Vector2d> detect_seeds(const Map& grey, const ImageView& depth, const ImageView& mask,
                                           const std::vector<Eigen::Vector2d>& taken, int count, int border);
 
-/// 0 where there is none.
+/// The depth of a pixel; 0: unknown.
 double depth_at(const ImageView& depth, int u, int v);
 
 }  // namespace iclk::internal

@@ -8,10 +8,10 @@
 
 namespace iclk::internal {
 
-/// Feature `uv0` of image 0, whose inverse depth lies within [low, high], in image 1: the patch that correlates best along the
-/// epipolar line, then align_feature(), sub-pixel. Nothing where the line leaves the image in its middle or is too long, where
-/// no place looks like the feature, or two do. `f0`, `f1`: grey pyramids, hidden pixels marked (hide()).
-/// Precondition: 0 < low <= high.
+/// Finds feature `uv0` of image 0, with an inverse depth in [low, high], in image 1. It takes the patch with the best
+/// correlation along the epipolar line, and then align_feature() for sub-pixel accuracy. Nothing if the middle of the line is
+/// outside the image, if the line is too long, or if no place or more than one looks like the feature. `f0`, `f1`: grey
+/// pyramids with hidden pixels (hide()). Precondition: 0 < low <= high.
 std::optional<AlignedFeature> search_epipolar(const Pyramid& f0, const Pyramid& f1, const Camera& camera,
                                               const Eigen::Vector2d& uv0, double low, double high, const SE3& T_10);
 

@@ -16,25 +16,25 @@ struct FramePixels {
   PixelFormat format = PixelFormat::r8;
 
   void keep(const TrackFrame& frame);
-  /// Of this copy, which must outlive it.
+  /// A view of this copy, which must outlive it.
   TrackFrame frame(const Camera& camera) const;
 };
 
-/// A frame on its way through a tracker, and what was computed of it, each once.
+/// A frame in the tracker. Everything that is derived from it is computed once.
 class Frame {
  public:
   explicit Frame(const TrackFrame& as_it_came) : given(as_it_came), seen_(as_it_came) {}
 
   const TrackFrame given;
-  Eigen::Vector3d rate = Eigen::Vector3d::Zero();  ///< rad/s, with which it is to be unrolled
-  std::optional<Features> measured;                ///< where a sensor has depth, once they were looked for
+  Eigen::Vector3d rate = Eigen::Vector3d::Zero();  ///< turn rate for the rolling shutter correction, rad/s
+  std::optional<Features> measured;                ///< with depth from a sensor; empty before they are detected
 
-  /// What is looked at: `given`, unrolled where its camera has a rolling shutter.
+  /// The images to use: `given`, or its correction for a rolling shutter.
   const TrackFrame& seen() const { return seen_; }
   void see(const TrackFrame& unrolled);
   const Map& grey() { return levels(1)[0]; }
-  double sharpness();        ///< energy of the gradients at half the size: what blur takes away
-  const Pyramid& pyramid();  ///< for feature alignment: grey, what the mask hides marked
+  double sharpness();        ///< energy of the gradients at half the size; blur reduces it
+  const Pyramid& pyramid();  ///< for feature alignment: grey, with masked pixels hidden
 
  private:
   const Pyramid& levels(int least);

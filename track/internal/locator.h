@@ -8,38 +8,37 @@
 
 namespace iclk::internal {
 
-/// Where a frame is expected, and the better one of the poses there that are only credible.
+/// The expected pose of a frame, and the best pose so far that is credible but not confirmed.
 struct Search {
   SE3 expected;
   std::optional<Found> weak = {};
 };
 
-/// Finds a frame's pose among the keyframes: from follow() to relocalise() each looks farther.
+/// Finds the pose of a frame among the keyframes. Each method from follow() to relocalise() searches more widely.
 class Locator {
  public:
-  /// `batch`: pairs that are aligned at once, at most.
+  /// `batch`: the largest number of pairs that are aligned at once.
   Locator(const Camera& camera, const Judge& judge, Refiner& refiner, Keyframes& keyframes, int batch)
       : camera_(camera), judge_(judge), refiner_(refiner), keyframes_(keyframes), batch_(static_cast<size_t>(batch)) {}
 
-  /// By the keyframe of the last frame, or the one that shows much more.
+  /// Aligns with the keyframe of the last frame, or with one that shows much more.
   std::optional<Found> follow(const TrackFrame& frame, Search& search);
-  /// By others; and where nothing is credible, from no motion and by matching.
+  /// Aligns with other keyframes. If no pose is credible yet, also with the current one, from the last pose and by a search.
   std::optional<Found> try_others(const TrackFrame& frame, const Motion& motion, Search& search);
-  /// What is credible, if its keyframe shows so much of what is expected.
+  /// The credible pose, if more than a share `visible` of its keyframe's features is visible at the expected pose.
   std::optional<Found> credible(const Search& search, double visible);
-  /// By the current keyframe, from where the frame is expected and from where the last one was.
+  /// Aligns with the current keyframe, from the expected pose and from the last pose.
   std::optional<Found> try_current(const TrackFrame& frame, const Motion& motion, Search& search);
-  /// Among as many keyframes as a batch holds, so that a frame does not take for ever: those about the last pose, and others
-  /// in turn.
+  /// Searches with one batch of keyframes, to limit the time of a frame: the ones near the last pose, and the others in turn.
   std::optional<Found> relocalise(const TrackFrame& frame, const SE3& last);
 
   struct State {
-    int current = 0;     ///< keyframe that the last frame was aligned with
-    int next_tried = 0;  ///< where relocalise() goes on among the keyframes
+    int current = 0;     ///< the keyframe with which the last frame was aligned
+    int next_tried = 0;  ///< where relocalise() continues among the keyframes
   } state;
 
  private:
-  /// Keeps what is credible, if it is the better one.
+  /// Keeps the pose in `search` if it is credible and has more inliers than the one there.
   void consider(int id, const RefinedAlignment& a, Search& search);
   std::optional<Found> best_of(std::span<const int> ids, std::span<RefinedAlignment> found);
   std::vector<int> lost_among(const SE3& last);

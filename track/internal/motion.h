@@ -6,9 +6,9 @@
 
 namespace iclk::internal {
 
-/// How the camera moved: the last frame with a pose, and the step that led there.
+/// The motion of the camera: the last frame with a pose, and the step before it.
 struct Motion {
-  /// Steps that are repeated more often say nothing any more.
+  /// The largest number of steps for which a motion is extrapolated.
   static constexpr double kLongestPrediction = 5;
 
   struct Last {
@@ -16,11 +16,11 @@ struct Motion {
     SE3 T_WC;
   };
   std::optional<Last> last;
-  std::optional<SE3> velocity;  ///< the step in `seconds`, in the camera's own frame
+  std::optional<SE3> velocity;  ///< the step in `seconds`, in the frame of the camera
   double seconds = 1;
-  bool lost = false;  ///< the frame before had no pose
+  bool lost = false;  ///< the previous frame had no pose
 
-  /// By constant velocity.
+  /// The pose at `time` by constant velocity.
   SE3 predict(double time) const {
     if (!velocity) return last->T_WC;
     return last->T_WC * SE3::exp(std::min((time - last->time) / seconds, kLongestPrediction) * velocity->log());

@@ -6,22 +6,22 @@
 
 namespace iclk::internal {
 
-/// Features where no depth is known: carried over from other keyframes, and seeds, whose depths the following frames tell.
+/// Adds features without sensor depth: features of other keyframes, and seeds, whose depths are estimated from later frames.
 class Seeder {
  public:
   Seeder(const Camera& camera, const TrackerOptions& options, const Judge& judge)
       : camera_(camera), options_(options), judge_(judge) {}
 
-  /// A frame for which the sensor has so few features gets help.
+  /// Whether a frame with this number of features with sensor depth needs more.
   bool helps(int measured) const { return options_.seeds > 0 && measured < options_.features; }
-  /// Adds features of the neighbours that were found in the frame, where it has no depth and no feature yet; places for what
-  /// is new are left.
+  /// Adds features of neighbours that were found in the frame, where it has no depth and no feature yet. Some of the number
+  /// stays free for new features.
   void carry(const TrackFrame& frame, std::span<const Neighbour> neighbours, Features& to) const;
-  /// Seeds of a new keyframe.
+  /// Chooses the seeds of a new keyframe.
   void sow(Keyframe& k, Frame& frame) const;
-  /// Looks for its seeds in the neighbours that are most alike. Whether some became features.
+  /// Searches for its seeds in the most similar neighbours. Returns whether some became features.
   bool look_back(Keyframe& k, Frame& frame, std::span<const Neighbour> neighbours);
-  /// Looks for the seeds of a keyframe in a frame, aligned with it. Whether some became features.
+  /// Searches for the seeds of a keyframe in a frame that was aligned with it. Returns whether some became features.
   bool look(Keyframe& k, Frame& frame, const RefinedAlignment& a);
 
  private:
@@ -32,7 +32,7 @@ class Seeder {
   Camera camera_;
   const TrackerOptions& options_;
   const Judge& judge_;
-  int looked_at_ = -1;  // keyframe whose pyramid this is: kept from frame to frame
+  int looked_at_ = -1;  // the keyframe of `looked_`, which is kept from frame to frame
   Pyramid looked_;
 };
 

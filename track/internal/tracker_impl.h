@@ -9,7 +9,7 @@
 
 namespace iclk {
 
-/// A frame's way through the workers. Each has its own state; they share the keyframes.
+/// Passes frames through the workers. Each worker has its own state; they share the keyframes.
 struct Tracker::Impl {
   using Frame = internal::Frame;
   using Found = internal::Found;
@@ -18,21 +18,22 @@ struct Tracker::Impl {
 
   TrackResult track(const TrackFrame& given);
   void check(const TrackFrame& given) const;
-  /// A map, with the frame as its origin.
+  /// Begins a map with the frame as its origin.
   TrackResult begin(Frame& frame, TrackResult result);
-  /// Sets `searched` and `before` of the result.
+  /// Finds the pose of the frame. Sets `searched` and `before` of the result.
   std::optional<Found> locate(Frame& frame, TrackResult& result);
-  /// Makes a keyframe of the frame before.
+  /// Makes a keyframe of the previous frame.
   bool make_previous_keyframe(TrackResult& result);
   TrackResult lose(Frame& frame, TrackResult result);
-  /// `found`: the frame's alignment with a keyframe, if there is one. False if it has too few features.
+  /// Makes a keyframe of the frame. `found`: its alignment with another keyframe, or null. Returns false if it has too few
+  /// features.
   bool make_keyframe(Frame& frame, const SE3& T_WC, const std::optional<TrackResult::Origin>& origin, const Found* found,
                      TrackResult& result);
   void fill(internal::Keyframe& k, Frame& frame, Features features, int measured);
   const Features& measure(Frame& frame) const;
   int least_features() const { return 2 * options.min_inliers; }
   void look_for_seeds(internal::Keyframe& k, Frame& frame, const RefinedAlignment& a, TrackResult& result);
-  /// The frame has a pose. `pixels`: of it, if it has to become a keyframe after all; unrolled with `rate`.
+  /// Keeps a frame with a pose. `pixels`: its images, corrected with `rate`, in case it becomes a keyframe later.
   void keep(const TrackFrame& pixels, const Eigen::Vector3d& rate, const std::optional<TrackResult::Origin>& origin,
             const SE3& T_WC);
 
@@ -54,7 +55,7 @@ struct Tracker::Impl {
     std::optional<TrackResult::Origin> origin;
   } previous;
   int map = 0;
-  int64_t frames_tracked = 0, frames_lost = 0;  ///< of this map: in all; since it had the camera last
+  int64_t frames_tracked = 0, frames_lost = 0;  ///< of this map: in all; since the last tracked frame
   std::optional<double> last_time;              ///< of any frame
 };
 

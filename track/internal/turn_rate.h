@@ -5,23 +5,23 @@
 
 namespace iclk::internal {
 
-/// How fast a camera turns: rad/s, in its axes, `sigma` an axis.
+/// The turn rate of a camera, rad/s in its axes; `sigma` per axis.
 struct TurnRate {
   Eigen::Vector3d rate = Eigen::Vector3d::Zero();
   double sigma = 0;
 
-  /// Taken together with another estimate that is independent of it.
+  /// Fuses this with another, independent estimate.
   TurnRate with(const Eigen::Vector3d& other, const Eigen::Matrix3d& covariance) const;
 };
 
-/// How much the rate of turning changes from one step between frames to the next: so far is the rate at a frame from that of
-/// the step before it. Of the last steps, a few dozen.
+/// Estimates how much the turn rate changes between successive frames, from the last few dozen steps. This is the error of
+/// predicting the turn rate at a frame from the step before it.
 class RateChanges {
  public:
   void add(const Eigen::Vector3d& rate);  ///< of the next step, rad/s
-  void interrupt() { follows_ = false; }  ///< the next step does not follow the last
-  double sigma() const;                   ///< rad/s an axis; for too few that of a camera in a hand
-  /// Calls f(value...) with all that it knows, to be kept or set.
+  void interrupt() { follows_ = false; }  ///< the next step does not follow the last one
+  double sigma() const;                   ///< rad/s per axis; with too few steps that of a hand-held camera
+  /// Calls f(value...) with the complete state, to save or restore it.
   template <class F>
   void archive(const F& f) {
     f(last_, follows_, square_, count_);
@@ -34,16 +34,17 @@ class RateChanges {
   int count_ = 0;
 };
 
-/// How long the readout takes: turns while rows are read, over how fast the camera turned from frame to frame. Frames vote, so
-/// that bad ones do not matter; memory does not grow.
+/// Estimates the readout time: the turn while rows are read divided by the turn rate between frames. Each frame has a vote, so
+/// the estimate is robust. Memory is constant.
 class ReadoutEstimate {
  public:
   ReadoutEstimate();
-  /// `turn`: rad, in all, of standard deviation `sigma` an axis; `rate`: rad/s, of the same camera at that time.
+  /// Adds a frame. `turn`: the whole turn while its rows were read, rad, with standard deviation `sigma` per axis; `rate`: the
+  /// turn rate of the camera at that time, rad/s.
   void add(const Eigen::Vector3d& turn, double sigma, const Eigen::Vector3d& rate);
   double seconds() const;  ///< weighted median of the frames
-  double sigma() const;    ///< s, from how the frames scatter; infinite for too few
-  /// Calls f(value...) with all that it knows, to be kept or set.
+  double sigma() const;    ///< s, from the scatter of the frames; infinite for too few
+  /// Calls f(value...) with the complete state, to save or restore it.
   template <class F>
   void archive(const F& f) {
     f(votes_, weight_, weight2_);

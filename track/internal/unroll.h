@@ -5,13 +5,15 @@
 
 namespace iclk::internal {
 
-/// The frame as a camera sees it that reads all its rows at once, at the frame's time. `turn`: rotation vector of the camera's
-/// motion while its rows were read, rad, in its own axes; taken as even. `rows`: when it saw the frame's pixels. What the
-/// camera shifts meanwhile stays in: it would need the depth of every pixel. Image: bilinear. Depth, as rolling as the image,
-/// and mask: nearest. Where the source has nothing the mask is 0; without one in `frame`, so it is made.
+/// Corrects a frame for a rolling shutter: the result is what a global shutter sees at the frame's time. `turn`: the rotation
+/// vector of the camera while its rows were read, rad, in its axes; the rotation is assumed to be uniform. `rows`: the time at
+/// which each pixel was read. Translation during the readout is not corrected, because that needs the depth of every pixel.
+///
+/// The image is interpolated bilinearly. Depth, which rolls like the image, and mask take the nearest pixel. Pixels without a
+/// source get a mask of 0; if `frame` has no mask, one is made.
 void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn, FramePixels& out);
 
-/// Where a pixel of an image that was unrolled with the turn `from` is found in one that is unrolled with `to`.
+/// Converts a pixel of an image that was unrolled with the turn `from` to one that is unrolled with `to`.
 Eigen::Vector2d unrolled_anew(const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& from,
                               const Eigen::Vector3d& to, const Eigen::Vector2d& uv);
 

@@ -9,7 +9,7 @@
 
 namespace iclk::internal {
 
-/// Rolling shutters: how fast the camera turns, and frames unrolled by it.
+/// Corrects rolling shutters: estimates the turn rate of the camera, and unrolls frames with it.
 class Unroller {
  public:
   Unroller(const Camera& camera, const TrackerOptions& options, const Judge& judge, Refiner& refiner)
@@ -19,17 +19,17 @@ class Unroller {
         judge_(judge),
         refiner_(refiner) {}
 
-  /// With the rate of the last frame. Pixels are in this unroller until it unrolls again.
+  /// Unrolls a frame with the rate of the last frame. The pixels stay in this unroller until it unrolls again.
   void unroll(Frame& frame);
-  /// A frame as it is seen with a rate; in `to`, if the shutter rolls.
+  /// Returns a frame unrolled with the rate `with`; its pixels are in `to` if the shutter rolls.
   TrackFrame unrolled(const TrackFrame& frame, const Eigen::Vector3d& with, FramePixels& to) const;
-  /// With the frame's own rate, if it was seen with another one.
+  /// Unrolls a frame with Frame::rate, if another rate was used.
   void straighten(Frame& frame);
-  /// Finds pose and rate together.
+  /// Estimates pose and rate together.
   void unroll_again(Frame& frame, const Keyframe& k, const Motion& motion, Found& found);
-  /// By a frame's pose: how fast the camera turned, what its rows are still bent by, and how long the readout takes.
+  /// Updates the state from a frame's pose: turn rate, remaining bend of its rows, and readout time.
   void learn(const Frame& frame, const Keyframe& k, const Found& found, const Motion& motion, const SE3& T_WC);
-  /// A new map: whatever its first frame is bent by, the others are seen in relation to it.
+  /// Begins a new map. The bend of its first frame is unknown; that of other frames is relative to it.
   void begin() { state.bent = {}; }
   void lose();
 
@@ -37,13 +37,13 @@ class Unroller {
     Eigen::Vector3d rate = Eigen::Vector3d::Zero();  ///< angular velocity at the last frame, rad/s, in its axes
     RateChanges changes;
     ReadoutEstimate readout;
-    /// What the last frame's rows are still bent by: Keyframe::turn, its sigma, and seen_turn.
+    /// The remaining bend of the last frame's rows: Keyframe::turn, its sigma, and seen_turn.
     struct Bent {
       Eigen::Vector3d turn = Eigen::Vector3d::Zero();
       double sigma = 0;
       Eigen::Vector3d seen = Eigen::Vector3d::Zero();
     } bent;
-    /// Of the last frame, until the next one tells how fast it turned.
+    /// Data of the last frame, until the next one gives its turn rate.
     struct Turned {
       double time = 0, time_before = 0;
       SE3 T_WC_before;

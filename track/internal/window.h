@@ -7,29 +7,29 @@
 
 namespace iclk::internal {
 
-/// A keyframe near a new one, and how they were aligned: `there` is the new one's frame with that one, `back` the other way.
+/// A keyframe near a new one, and their alignments: `there` is the new frame with that keyframe, `back` the other way.
 struct Neighbour {
   Keyframe* keyframe = nullptr;
   RefinedAlignment there = {}, back = {};
 };
 
-/// The newest keyframes, connected with each other and adjusted together.
+/// Connects the newest keyframes with each other and adjusts them together.
 class Window {
  public:
   /// `size`: TrackerOptions::window.
   Window(const Camera& camera, const Judge& judge, Refiner& refiner, Keyframes& keyframes, int size)
       : camera_(camera), judge_(judge), refiner_(refiner), keyframes_(keyframes), size_(size) {}
 
-  /// Of a frame that is to become a keyframe. `found`: its alignment with one of them, if there is one. None is the keyframe
-  /// that leaves for it.
+  /// Finds the neighbours of a frame that becomes a keyframe. `found`: its alignment with one of them, or null. The keyframe
+  /// that it replaces is left out.
   std::vector<Neighbour> neighbours_of(const TrackFrame& frame, const SE3& T_WC, const Found* found);
-  /// Aligns the neighbours with the new keyframe, and keeps what each sees of the other.
+  /// Aligns the neighbours with the new keyframe, and stores the sightings of each in the other.
   void connect(Keyframe& k, std::span<Neighbour> neighbours);
-  /// Poses and inverse depths of the newest.
+  /// Adjusts poses and inverse depths of the newest keyframes.
   void adjust();
 
  private:
-  /// Keyframes of a bundle, and where they are in it.
+  /// Keyframes of a bundle, and their indices in it.
   struct Part {
     std::map<int, int> index;
     std::vector<BundleFrame> frames;
