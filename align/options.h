@@ -27,8 +27,8 @@ struct AlignerOptions {
   Robust robust = Robust::huber;
   bool photometric = true;  ///< estimate gain a and bias b of the pair: r = f1(warp) - (a f0 + b)
   /// How much of a level's pose information (0 to 1) the next finer level keeps as a prior; helps with blur and noise. The
-  /// information is H / variance of the residuals. 0: none, as in the paper. If it is above 0, the PosePrior of a pair is
-  /// passed on in the same way from the coarsest level, and weighed against that variance instead of residual_sigma^2.
+  /// information is H / variance of the residuals. 0: none, as in the paper. Above 0, the PosePrior of a pair is passed on in
+  /// the same way from the coarsest level. It is then weighed against that variance instead of residual_sigma^2.
   double carry = 0;
   /// A level ends early when a step moves none of its pixels by more than this (px of that level). 0: never, as in the paper.
   double step_tolerance = 0.003;

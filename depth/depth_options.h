@@ -15,7 +15,7 @@ struct DepthPlan {
   int planes = 128;           ///< of inverse depth; a multiple of 16, 16 to 256
   int views = 1;              ///< beside the reference, at most; 1 to 8
   /// The most bytes to allocate; 0: up to the memory of the device. If this is too little, strips of rows that overlap by 64
-  /// are computed one after the other, with nearly the same results (docs/results/depth.md).
+  /// are computed one after the other. The results are nearly the same (docs/results/depth.md).
   uint64_t most_bytes = 0;
 
   /// Throws Error(invalid_argument) that names the value and its range. The longer side times planes / 16 must not exceed
@@ -46,8 +46,8 @@ struct DepthRange {
   void check() const;
 };
 
-/// The number of planes with which no pixel of the reference moves by more than about `pixels` in any view from one plane to
-/// the next. It is rounded up to a multiple of 16 and at most 256. Preconditions: cameras and range pass check().
+/// The number of planes that a range needs: from one plane to the next, no pixel of the reference moves by more than about
+/// `pixels` in any view. It is rounded up to a multiple of 16 and at most 256. Preconditions: cameras and range pass check().
 int planes_for(const Camera& reference, std::span<const Camera> cameras, std::span<const SE3> T_10, const DepthRange& range,
                double pixels = 0.7);
 

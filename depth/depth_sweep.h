@@ -69,7 +69,7 @@ class DepthSweep {
 
   /// Computes a depth map and waits for it. Images must have the size of the plan; 1 to DepthPlan::views sources. `priors` may
   /// be empty; those outside the image or without a positive, finite inverse depth are ignored. Throws Error(invalid_argument)
-  /// that names the image for a wrong size, an invalid camera, and a pose that is not finite or does not move the camera;
+  /// that names the image, for a wrong size, an invalid camera, and a pose that is not finite or has no translation. Throws
   /// Error(device_lost).
   DepthMap compute(const ImageView& reference, const Camera& camera, std::span<const DepthSource> sources,
                    const DepthRange& range, const Features& priors = {});

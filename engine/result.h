@@ -10,8 +10,8 @@ namespace iclk::engine {
 /// The name of a result, for example "VK_ERROR_DEVICE_LOST".
 const char* name(VkResult result);
 
-/// Throws Error for every negative VkResult, with code out_of_memory, device_lost or vulkan. The message is
-/// "`call`: VK_ERROR_...; `details`". Details state the request: the number of bytes, or the name of the kernel.
+/// Throws Error for every negative VkResult, with code out_of_memory, device_lost or vulkan. The message is "`call`:
+/// VK_ERROR_...; `details`". Details state the request: the number of bytes, or the name of the kernel.
 void check(VkResult result, const char* call, const std::string& details = {});
 
 /// Like check(), for a call that creates `handle`. A failed call leaves it undefined; it is set to null before the throw.

@@ -47,8 +47,8 @@ struct RenderedPair {
 
 /// Draws random pairs. Position, altitude, heading, tilt and roll of the first camera are uniform. The second camera is the
 /// first one, perturbed in its own frame by a translation and a rotation vector of uniform components. Or both lie on an orbit
-/// (PairOptions::orbit_max). A pair is drawn again if a view leaves the region, sees missing data or is too near to the ground,
-/// or if its start is outside the limits of PairOptions.
+/// (PairOptions::orbit_max). A pair is drawn again if a view leaves the region, sees missing data or is too near to the ground.
+/// It is also drawn again if its start is outside the limits of PairOptions.
 class PairSource {
  public:
   /// Why poses were drawn again.

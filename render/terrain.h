@@ -52,8 +52,8 @@ struct Terrain {
   /// A hash of grids, heights and pixels, to compare terrains. It is not secure against deliberate collisions.
   uint64_t hash() const;
 
-  /// Throws Error(invalid_argument) that names the value and the remedy, for sizes that do not fit, steps that are not
-  /// positive, heights that are infinite or beyond 12 km, no height or no pixel with data, and extents without overlap.
+  /// Throws Error(invalid_argument) that names the value and the remedy. Sizes must fit, steps must be positive, and heights
+  /// must be finite or NaN and within 12 km. There must be heights and pixels with data, and the extents must overlap.
   void check() const;
 };
 

@@ -41,11 +41,11 @@ struct FlexResult {
   std::vector<FlexState> states;
 };
 
-/// Smooths the extrinsics over all measurements: T_k = mean Exp(xi_k), where xi is a Gaussian process with white acceleration
-/// (constant velocity) and a weak prior at zero with the standard deviations of FlexOptions. The measurements have a Cauchy
-/// loss. Ceres solves it in time linear in their number. Not usable without a valid measurement. Throws
-/// Error(invalid_argument) for bad options, times that do not increase, and valid measurements whose pose is not finite or
-/// whose covariance is not finite and positive.
+/// Smooths the extrinsics over all measurements: T_k = mean Exp(xi_k). xi is a Gaussian process with white acceleration
+/// (constant velocity). It has a weak prior at zero with the standard deviations of FlexOptions. The measurements have a Cauchy
+/// loss. Ceres solves it in time linear in their number. Not usable without a valid measurement. Throws Error(invalid_argument)
+/// for bad options and times that do not increase. The pose of a valid measurement must be finite, its covariance finite and
+/// positive; else it throws Error(invalid_argument) too.
 FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const FlexOptions& options = {});
 
 }  // namespace iclk

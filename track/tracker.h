@@ -99,9 +99,9 @@ struct Readout {
 /// newest keyframes. The first frame with depth and texture is the origin of the map.
 ///
 /// A frame whose alignment does not converge is lost; its pose is never guessed. Each later frame is then aligned with some of
-/// the keyframes. When the camera has been lost for longer than the map tracked it (a map may begin with a blurred frame), the
-/// tracker starts a new map. TrackerOptions::keyframes bounds the memory, except for one pose per keyframe ever made. One
-/// thread at a time.
+/// the keyframes. When the camera has been lost for longer than the map tracked it, the tracker starts a new map. This replaces
+/// maps that began with a blurred frame. TrackerOptions::keyframes bounds the memory, except for one pose per keyframe ever
+/// made. One thread at a time.
 class Tracker {
  public:
   /// The plan that the aligner of a tracker must have. Its options need AlignerOptions::search, or the tracker cannot find lost
@@ -116,8 +116,8 @@ class Tracker {
   Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options = {});
   ~Tracker();
 
-  /// Tracks the next frame. Throws Error(invalid_argument) for an image, depth or mask of a wrong size or format, and for a
-  /// time that is not finite or not later than the last; the errors of Aligner.
+  /// Tracks the next frame. Throws Error(invalid_argument) for an image, depth or mask of a wrong size or format, and for an
+  /// invalid time: it must be finite and later than that of the last frame. Throws the errors of Aligner.
   TrackResult track(const TrackFrame& frame);
 
   int keyframe_count() const;              ///< of all keyframes ever made

@@ -9,8 +9,8 @@ namespace iclk::internal {
 constexpr int kMaxModelLevels = 12, kMaxLevelLayers = 16, kMaxChannels = 1024, kMaxDilation = 64;
 constexpr size_t kMaxModelParameters = size_t{1} << 26;
 
-/// Checks a model: the channels of successive layers match from the input to the last level, the M-estimator has four input
-/// channels and one output, the numbers of weights fit, all values are finite and within the limits. Throws
+/// Checks that the channels of successive layers match, from the input to the last level. The M-estimator must have four input
+/// channels and one output. The numbers of weights must fit, and all values must be finite and within the limits. Throws
 /// Error(invalid_argument) that names layer, value and requirement.
 void check_model(const Model& model);
 

@@ -14,8 +14,8 @@ enum class ConvVariant {
 constexpr ConvVariant kConvVariants[] = {ConvVariant::direct, ConvVariant::winograd4, ConvVariant::winograd4x1};
 const char* name(ConvVariant variant);
 
-/// A layer of an encoder and the size in pixels at which it runs. The time of the last layer of a level includes what is
-/// computed from its output.
+/// A layer of an encoder and the size in pixels at which it runs. The time of the last layer of a level includes the map and
+/// the means that follow from its output.
 struct ConvShape {
   int in = 0, out = 0, dilation = 1, width = 0, height = 0;
   bool last = false;

@@ -5,8 +5,8 @@
 
 namespace iclk::internal {
 
-/// The last step of an encoder's level on a device. It computes the map, which is the mean over the channels of the last layer,
-/// and the input of the next level, which are 2x2 means of each channel.
+/// The last step of an encoder's level on a device. It computes the map: the mean over the channels of the last layer. It also
+/// computes the input of the next level: 2x2 means of each channel.
 class FeatureMaps {
  public:
   explicit FeatureMaps(std::shared_ptr<const engine::Context> context);

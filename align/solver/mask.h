@@ -13,8 +13,7 @@ namespace iclk::internal {
 std::vector<float> sparse_mask(const Features& features, std::span<const FeatureCheck> checks, const Camera& camera, int level);
 
 /// The inverse depth of a level in dense mode, from that of the next finer level: the mean of the valid values of each 2x2
-/// block. It is 0 if none is valid, or if they differ by more than a tenth, because a mean across an occlusion edge is not on
-/// any surface.
+/// block. It is 0 if none is valid or they differ by more than a tenth: a mean across an occlusion edge is not on any surface.
 Map half_inverse_depth(const Map& finer);
 
 }  // namespace iclk::internal

@@ -30,8 +30,8 @@ struct BufferDescription {
   MemoryKind kind = MemoryKind::device;
   BufferUse use = BufferUse::storage;
   /// With BufferUse::texel or image: the format in which texel_read and image_read bindings read the whole buffer. Every device
-  /// supports R32_SFLOAT, R32G32B32A32_SFLOAT, R8G8B8A8_UNORM and R32_UINT, and for texel also R8_UNORM and B8G8R8A8_UNORM.
-  /// If Context::storage_reads(), texel and image are storage.
+  /// supports R32_SFLOAT, R32G32B32A32_SFLOAT, R8G8B8A8_UNORM and R32_UINT. For texel, it also supports R8_UNORM and
+  /// B8G8R8A8_UNORM. If Context::storage_reads(), texel and image are storage.
   VkFormat texel_format = VK_FORMAT_UNDEFINED;
 };
 

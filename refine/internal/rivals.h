@@ -41,7 +41,7 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
 /// but explains worse.
 struct Contest {
   int first = 0, second = 0;
-  double first_reach = 0, second_reach = 0;  ///< px: how far these features are apart
+  double first_reach = 0, second_reach = 0;  ///< px: the distance between these features
 };
 Contest compare(const Camera& camera, const Features& features, const RefinedAlignment& first, const RefinedAlignment& second,
                 double inlier_distance);

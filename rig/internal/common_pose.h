@@ -14,8 +14,8 @@ struct PoseVote {
 };
 
 /// The robust mean by information, sum_i w_i C_i^-1 Log(T_i^-1 T) = 0. It starts at the vote that is nearest to the others,
-/// among all votes or a sample of 200, so it is right if more than half of the votes agree. If votes are farther apart than
-/// their covariances suggest, distances are normalised by their actual spread. Precondition: at least one vote.
+/// among all votes or a sample of 200. It is therefore right if more than half of the votes agree. If votes are farther apart
+/// than their covariances suggest, distances are normalised by their actual spread. Precondition: at least one vote.
 SE3 common_pose(std::vector<PoseVote>& votes);
 
 }  // namespace iclk::internal

@@ -11,7 +11,7 @@
 namespace iclk {
 
 /// Reads a whole file as bytes. A pipe is read until its writer closes it. Throws Error(io) that names the path if it is
-/// missing, a folder, not readable, or longer than max_bytes, or if a pipe sends nothing for 5 s.
+/// missing, a folder, not readable, or longer than max_bytes. Throws Error(io) too if a pipe sends nothing for 5 s.
 std::string read_file(const std::string& path, size_t max_bytes = size_t{1} << 30);
 
 /// A function that reads a file: read_file(), or one of the caller, which may throw any error.
