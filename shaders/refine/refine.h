@@ -1,4 +1,4 @@
-// Layouts of feature alignment and pose refinement, declared once for GLSL and C++. Beside shared.h.
+// Layouts of feature alignment and pose refinement, declared once for GLSL and C++. It complements shared.h.
 #ifndef ICLK_SHADERS_REFINE_H
 #define ICLK_SHADERS_REFINE_H
 
@@ -8,39 +8,40 @@ namespace iclk::shaders {
 using uint = uint32_t;
 #endif
 
-// The turn of a pair's target while its rows were read (refine/internal/turn.h): Cauchy's scale, sigmas of a position, px.
+// The turn of a pair's target while its rows were read (refine/internal/turn.h): scale of the Cauchy loss, sigmas of a position
+// in px.
 #define ICLK_TURN_CAUCHY 2.5
 #define ICLK_TURN_FIRST_SIGMA 1.0
 #define ICLK_TURN_LEAST_SIGMA 0.1
-#define ICLK_TURN_ITERATIONS 5  // a scale
+#define ICLK_TURN_ITERATIONS 5  // per scale
 #define ICLK_TURN_SCALES 3
 #define ICLK_TURN_SIGHTINGS 15  // at least
 
-// What proves a turn. On pairs of hololens_80 and tum_fr1_rpy_300, whose shutters roll, errors of the pose halve; on tartan_60,
-// whose does not, features on the edges of depth make up turns, but of less than 0.5 px. Errors of depth are alike in
-// many features, which is why chi2 is asked for that chance never has.
+// Limits that prove a turn. On hololens_80 and tum_fr1_rpy_300, which have rolling shutters, pose errors halve. On tartan_60,
+// which has none, features at depth edges imitate turns of less than 0.5 px. Depth errors are correlated between features, so
+// chi2 must exceed what chance reaches.
 #define ICLK_TURN_PROVEN_CHI2 50.0
 #define ICLK_TURN_PROVEN_BEND 0.5   // px
-#define ICLK_TURN_PRIOR_SIGMA 0.05  // rad: a camera at 100 degrees a second turns so far in 30 ms
-#define ICLK_TURN_EXPECTED 0.01     // rad: at 20 degrees a second, which a hand does
+#define ICLK_TURN_PRIOR_SIGMA 0.05  // rad: the turn in 30 ms at 100 degrees per second
+#define ICLK_TURN_EXPECTED 0.01     // rad: the same at 20 degrees per second, as of a hand-held camera
 
-// Share of a depth's sigma that all depths have in common.
+// The share of a depth's sigma that is common to all depths.
 #define ICLK_COMMON_DEPTH 0.5
-// px: what the maps of learned models are off by together where no grey values confirm them. Under severe changes the errors
-// of 200 features do not average out. Chosen on the Alps and on orbits (docs/results/covariance.md).
+// The common error in px of a learned model's maps if no grey values confirm them. Under severe changes the errors of 200
+// features do not average out. Chosen on the Alps and on orbits (docs/results/covariance.md).
 #define ICLK_MAP_SIGMA 0.12
 
-// Inliers that lie within so much of one line, as a share of the image's height, do not determine the pose: each may slide
-// along it. Right poses have 0.07 and more, those of one edge 0.005 at most.
+// Inliers that are this close to one line, as a share of the image's height, do not determine the pose: each may slide along
+// it. Right poses have 0.07 and more, those of a single edge at most 0.005.
 #define ICLK_LEAST_WIDTH 0.02
-// If a smaller share of the aligned features agrees on a pose that was searched for, they speak against it.
+// If a smaller share of the aligned features agrees with a pose from a search, they refute it.
 #define ICLK_REFUTED_SHARE 0.68
 
 // Feature alignment: all features of one pair, warped by one pose.
 struct FeatureTask {
   uint reference, pair;
   uint first_feature, feature_count;  // in the list of FeatureInfo and of AlignedInfo
-  uint colours;                       // 1: colour_sums.comp takes part
+  uint colours;                       // 1: colour_sums.comp runs
   float pose[12];                     // T_10, 3x4 row-major
 };
 
@@ -59,72 +60,72 @@ struct ColourInfo {
 };
 
 struct FeatureAlignmentPush {
-  uint fine_stride;   // texels from an image's level 0 to the next
-  uint map_stride;    // the same of the other levels
-  uint pixel_stride;  // 32-bit words from a target's raw pixels to the next
+  uint fine_stride;   // texels from level 0 of one image to the next
+  uint map_stride;    // the same for the other levels
+  uint pixel_stride;  // 32-bit words from the raw pixels of one target to the next
   uint level_count;
   uint iterations;
   float step_tolerance, max_motion, min_correlation, min_texture;
 };
 
-// px: scale of a loss in which positions that are good to a hundredth of a pixel outweigh a pose between right depths and
-// wrong ones; and the mean logarithm of the squared residuals by which the pose that it leads to has to be better.
+// The scale in px of a sharp loss. With it, positions accurate to 0.01 px outweigh a compromise between right and wrong depths.
+// Its pose is used only if the mean logarithm of the squared residuals is better by the second constant.
 #define ICLK_SHARP 0.025
 #define ICLK_CLEARLY_BETTER 1.0
 
-// Pose refinement on the device (refine/device_refiner.h). A workgroup a pair; features of a pair at most, since an invocation
-// of lavapipe may go round a loop 65,535 times.
+// Pose refinement on the device (refine/device_refiner.h): one workgroup per pair, and the most features of a pair. Loops of an
+// invocation of lavapipe are limited to 65,535 iterations.
 #define ICLK_REFINE_GROUP 64
 #define ICLK_REFINE_FEATURES 8192
 
-// Poses that are tried beside an answer (the host tries six); and the limits of refine/internal/rivals.cpp.
+// Poses that are tried besides an answer (six on the host), and the limits of refine/internal/rivals.cpp.
 #define ICLK_RIVALS 2
-#define ICLK_ELSEWHERE_EXPLAINED 0.85  // share of features with texture that leaves little to another pose:
-#define ICLK_ELSEWHERE_SAMPLE 32u      // so many are looked for then
-#define ICLK_ELSEWHERE_PLACES 8        // of a feature: the two most alike, and of those as alike the six nearest to its own
-#define ICLK_ELSEWHERE_STRIDE 12       // vec4 a feature: own, warp, centre, point, places
+#define ICLK_ELSEWHERE_EXPLAINED 0.85  // above this share of explained features, a sample is searched for
+#define ICLK_ELSEWHERE_SAMPLE 32u      // the size of the sample
+#define ICLK_ELSEWHERE_PLACES 8        // per feature: the two most similar places, and the six nearest of equally similar ones
+#define ICLK_ELSEWHERE_STRIDE 12       // vec4 per feature: own, warp, centre, point, places
 #define ICLK_STILL 0.1                 // px
 
-// What the host says of a pair.
+// A pair, from the host.
 struct RefinePair {
   uint reference, pair;
   uint first_feature, feature_count;  // in the lists of features
-  // Mean inverse depth: poses are refined in the unit of length in which it is 1. 0: the reference's.
+  // Mean inverse depth. Poses are refined in the unit of length in which it is 1. 0: that of the reference.
   float unit;
-  uint search;  // 0: the pair began at a first guess
-  uint asks;    // 1: what rivals its answer is looked for
+  uint search;  // 0: the pair started at a first guess
+  uint asks;    // 1: search for rivals of its answer
 };
 
-// What a round of feature alignment and pose leaves to the next one, and to the verdict: PoseResult of refine/pose.h.
+// The state between rounds of feature alignment and pose, and for the verdict: PoseResult of refine/pose.h.
 struct RefineState {
   float pose[12];  // in the unit of RefinePair
   float floor, depth_sigma, cost;
   uint used, inliers;
   uint status;  // iclk::Status
-  uint rounds;  // 0: ICLK's pose is none to refine
-  // Of the round that comes: what refine_consensus.comp found, in the unit of RefinePair.
+  uint rounds;  // 0: ICLK's pose cannot be refined
+  // For the next round: the pose of refine_consensus.comp, in the unit of RefinePair.
   float consensus[12];
   uint has_consensus;
 };
 
-// What the features say of the target's turn while its rows were read: TurnEstimate of refine/internal/turn.h.
+// The turn of the target while its rows were read: TurnEstimate of refine/internal/turn.h.
 struct TurnInfo {
-  float turn[3];         // rad; zero: none is proven
-  float pose_share[36];  // what its uncertainty adds to the covariance of the pose, in the unit of RefinePair
-  float doubt[36];       // what it adds where it is not proven
-  RefineState before;    // without it
+  float turn[3];         // rad; zero: not proven
+  float pose_share[36];  // the part of the pose's covariance from its uncertainty, in the unit of RefinePair
+  float doubt[36];       // the part if it is not proven
+  RefineState before;    // the state without the turn
 };
 
 // A feature while a pose is refined.
 struct ObservationInfo {
   float W_uu, W_uv, W_vv;  // whitens its residual
   uint used;               // aligned, and in front of camera 1
-  uint was_aligned;        // in the round before
-  float value;             // of which a median is taken
-  uint listed;             // refine_consensus.comp: entry k of the list is the k-th that is used
+  uint was_aligned;        // in the previous round
+  float value;             // input of a median
+  uint listed;             // refine_consensus.comp: entry k of the list is the k-th used feature
 };
 
-// RefinedAlignment of refine/refiner.h, and what its verdict went by.
+// RefinedAlignment of refine/refiner.h, and the input of its verdict.
 struct RefinedInfo {
   float pose[12];        // T_10, 3x4 row-major: ICLK's unless `refined`
   float covariance[36];  // of [rho, phi], row-major; zero unless the status is converged or max_iterations
@@ -133,12 +134,12 @@ struct RefinedInfo {
   uint rounds, visible, aligned, inliers;
   float sigma;       // px: robust standard deviation of the reprojection residuals
   uint candidates;   // visible features with texture
-  float correction;  // px: median over the features of what refinement moved them by
+  float correction;  // px: median over the features of their motion by the refinement
   uint pose_status;  // iclk::Status of the last round's pose
-  uint used;         // features that this pose is of
-  float turn[3];     // rad, of the target while its rows were read, which is taken out of the pose
+  uint used;         // features used for this pose
+  float turn[3];     // rad, of the target while its rows were read; the pose is corrected for it
   uint standing;     // features that stand still, and may be fixed to the camera
-  uint seen;         // of the others, seen elsewhere for certain
+  uint seen;         // other features, certainly seen elsewhere
   uint rival_count;  // with the status ambiguous
   uint rival_inliers[ICLK_RIVALS];
   float rivals[12 * ICLK_RIVALS];  // their poses
@@ -147,7 +148,7 @@ struct RefinedInfo {
 // PoseOptions and RefinerOptions.
 struct RefinePush {
   float sigma, min_sigma, max_sigma, max_depth_sigma;
-  float camera_sigma;  // below 0: by the residuals
+  float camera_sigma;  // below 0: estimated from the residuals
   float cauchy_scale, inlier_distance, pose_inlier_share;
   uint iterations, min_features;
   float round_tolerance;
@@ -156,16 +157,16 @@ struct RefinePush {
   uint keep_unconfirmed;
   uint width, height;  // of the images
   uint pairs;
-  uint rivals;  // 1: the last round's pose is kept, whatever the verdict
+  uint rivals;  // 1: keep the pose of the last round for every verdict
 };
 
-// What else the target shows than an answer (refine/internal/rivals.h).
+// The search for rivals of an answer (refine/internal/rivals.h).
 struct RivalPush {
   uint pairs;
-  uint max_features;          // from a pair's to the next
-  uint features;              // of these, that are looked for, at most
+  uint max_features;          // stride of pairs
+  uint features;              // that are searched for, at most
   uint scale, width, height;  // of the grey map
-  uint rival;                 // rivals_take.comp: number of the one that was found
+  uint rival;                 // rivals_take.comp: the index of the rival
   float inlier_distance, max_rival_share;
   uint min_inliers;
 };
