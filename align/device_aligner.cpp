@@ -60,7 +60,7 @@ DeviceAligner::Impl::Impl(std::shared_ptr<const engine::Context> context_, const
       slots(static_cast<size_t>(plan.max_references)),
       tiles(plan, layout) {
   std::memcpy(memory[ids.levels].mapped, layout.levels.data(), layout.levels.size() * sizeof(shaders::LevelInfo));
-  // Slots that nobody sets are never read, but a batch is prepared in runs: no features is a state that harms nothing.
+  // References are prepared in runs that may include unset slots, so these are initialised to no features.
   std::memset(memory[ids.references].mapped, 0, sizeof(shaders::ReferenceInfo) * slots.size());
 }
 
@@ -115,7 +115,7 @@ void DeviceAligner::Impl::set_slot(int slot, const Camera& camera, const Feature
     list[i] = {ok ? static_cast<float>(features.uv[k].x()) : 0.0f, ok ? static_cast<float>(features.uv[k].y()) : 0.0f,
                ok ? static_cast<float>(features.inverse_depth[k]) : 0.0f, 0.0f};
   }
-  // Entries beyond the count are read by the Jacobian's kernel too, and must say "takes no part".
+  // The Jacobian kernel also reads entries beyond the count, so these must be unused features.
   for (int i = features.size(); i < plan.max_features; ++i) list[i] = {0, 0, 0, 0};
   Slot& kept = slots[s];
   kept.enough = internal::enough_to_align(checks, mean_inverse_depth, plan, options);
@@ -134,7 +134,7 @@ std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference
   internal::check_reference(reference, m.plan);
   auto checks = check_features(reference.features, reference.camera);
   const double mean_q = internal::mean_inverse_depth(reference, checks, m.plan.dense);
-  m.submission.wait();  // pending only where an align() could not wait for it
+  m.submission.wait();  // pending only if an align() could not wait for it
   const auto s = static_cast<size_t>(slot);
   auto* pixels = static_cast<uint8_t*>(m.memory[m.ids.staging0.value_or(m.ids.pixels0)].mapped);
   internal::convert_pixels(reference.image, m.plan.format, m.layout.row_pixels(), pixels + 4ull * m.layout.pixel_words * s);
@@ -151,7 +151,7 @@ std::vector<FeatureCheck> DeviceAligner::set_reference(int slot, const Reference
 }
 
 std::vector<internal::Stages::Run> DeviceAligner::Impl::upload_dirty(Recorder& recorder) {
-  for (Slot& slot : slots) slot.recorded = false;  // of a recording that was never submitted
+  for (Slot& slot : slots) slot.recorded = false;  // flags of a recording that was never submitted
   std::vector<internal::Stages::Run> runs;
   for (size_t first = 0; first < slots.size();) {
     if (!slots[first].dirty) {
@@ -252,7 +252,7 @@ std::vector<Alignment> DeviceAligner::align(std::span<const Pair> pairs) {
       try {
         results = m.finish();
       } catch (...) {
-        m.started.clear();  // who called align() has nothing to finish; the next call waits for the device
+        m.started.clear();  // align() has no finish(); the next call waits for the device
         throw;
       }
     } else {
@@ -297,7 +297,7 @@ std::vector<Alignment> DeviceAligner::Impl::finish() {
   try {
     submission.wait();
   } catch (const Error& error) {
-    if (error.code() != ErrorCode::out_of_memory) started.clear();  // else the device works on
+    if (error.code() != ErrorCode::out_of_memory) started.clear();  // else the device still runs
     throw;
   }
   if (timer) timer->collect();

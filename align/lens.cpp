@@ -12,7 +12,7 @@ namespace iclk {
 namespace {
 
 constexpr double kWidestRadius = 4;  // of radtan: 76 degrees
-constexpr int kSteps = 4000;         // in which the domain's edge is looked for
+constexpr int kSteps = 4000;         // of the search for the edge of the domain
 constexpr int kRadialIterations = 60, kIterations = 30;
 constexpr double kExact = 1e-12;
 
@@ -58,12 +58,12 @@ double Lens::slope(double r) const {
   const double q = r * r;
   const double rise = 1 + q * (3 * radial_[0] + q * (5 * radial_[1] + q * (7 * radial_[2] + q * 9 * radial_[3])));
   const double below = 1 + q * (denominator_[0] + q * (denominator_[1] + q * denominator_[2]));
-  if (below <= 0) return -1;  // beyond a pole
+  if (below <= 0) return -1;  // a pole
   const double below_rise = q * (2 * denominator_[0] + q * (4 * denominator_[1] + q * 6 * denominator_[2]));
   return (rise - f(r) / std::max(r, 1e-300) * below_rise) / below;
 }
 
-/// f's inverse in 0 .. limit(), or the nearer end: Newton's steps, halved brackets where they leave it.
+/// The inverse of f in 0 .. limit(), or the nearer end, by Newton's method with bisection outside the bracket.
 double Lens::inverse(double seen) const {
   double low = 0, high = limit_, r = std::min(seen, high);
   for (int i = 0; i < kRadialIterations; ++i) {

@@ -41,7 +41,7 @@ void need(const Safetensors& file, const char* key, const std::string& value) {
   if (text(file, key) != value) refuse(std::string(key) + " is " + in_quotes(text(file, key)) + ", must be '" + value + "'");
 }
 
-/// A name or a sentence: UTF-8 by the JSON that held it, without what a terminal would obey.
+/// A name or a sentence without control characters; JSON guarantees UTF-8.
 std::string plain_text(const Safetensors& file, const char* key) {
   const std::string& value = text(file, key);
   const auto control = [](unsigned char c) { return c < 0x20 || c == 0x7f; };
@@ -91,7 +91,7 @@ std::vector<std::vector<int>> level_sizes(const Safetensors& file, const char* k
   return out;
 }
 
-/// Takes the layers of one of the two networks out of the file, in order.
+/// Reads the layers of one of the two networks from the file, in order.
 class Layers {
  public:
   Layers(Safetensors& file, std::string network) : file_(&file), network_(std::move(network)) {}

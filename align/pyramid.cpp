@@ -42,7 +42,7 @@ void channel_row(const ImageView& image, int v, int channel, float scale, float*
   for (int u = 0; u < image.width; ++u) out[u] = static_cast<float>(row[static_cast<size_t>(u) * n + offset]) * scale;
 }
 
-/// Calls visit(T(), scale) with the type of the format's components and what maps them to [0, 1].
+/// Calls visit(T(), scale) with the type of the format's components and the factor that maps them to [0, 1].
 template <class F>
 void with_component(PixelFormat format, F&& visit) {
   switch (format) {

@@ -12,10 +12,10 @@
 namespace iclk::engine {
 namespace {
 
-/// A quarter of what Windows allows, which is the least.
+/// A quarter of the limit of Windows, which is the shortest.
 constexpr double kLongestSubmission = 0.5;
 
-/// The host's lock, released on every way out.
+/// Holds the lock of the application; releases it on every return and throw.
 class HostLock {
  public:
   HostLock(const std::function<void()>& lock, const std::function<void()>& unlock) : unlock_(unlock) {
@@ -31,7 +31,7 @@ class HostLock {
   const std::function<void()>& unlock_;
 };
 
-/// Timeline points as Vulkan takes them.
+/// Timeline points in the form of Vulkan.
 struct Semaphores {
   explicit Semaphores(std::span<const TimelinePoint> points) {
     for (const TimelinePoint& point : points) {
@@ -44,8 +44,8 @@ struct Semaphores {
   std::vector<uint64_t> values;
 };
 
-/// Whether these bytes begin with the header of a cache that this driver made for this device: drivers differ in what they make
-/// of others'.
+/// Whether these bytes begin with the header of a cache of this driver and device. Drivers differ in their treatment of other
+/// caches.
 bool is_cache_of(const Context& context, const std::vector<uint8_t>& bytes) {
   VkPhysicalDeviceProperties device;
   context.instance_functions().GetPhysicalDeviceProperties(context.physical_device(), &device);
@@ -66,7 +66,7 @@ bool is_cache_of(const Context& context, const std::vector<uint8_t>& bytes) {
 struct ContextBuilder {
   static std::shared_ptr<Context> make() { return std::shared_ptr<Context>(new Context); }
 
-  /// Everything that follows from the physical device and the queue family.
+  /// Sets all fields that follow from the physical device and the queue family.
   static void describe(Context& c, const DeviceCapabilities& capabilities, bool storage_reads) {
     const InstanceFunctions& vk = c.instance_functions_;
     c.info_ = info_of(vk, c.physical_device_, capabilities);
@@ -207,7 +207,7 @@ std::vector<uint8_t> Context::pipeline_cache_data() const {
     check(vk_.GetPipelineCacheData(device_, pipeline_cache_, &bytes, nullptr), "vkGetPipelineCacheData");
     std::vector<uint8_t> data(bytes);
     const VkResult result = vk_.GetPipelineCacheData(device_, pipeline_cache_, &bytes, data.data());
-    if (result == VK_INCOMPLETE) continue;  // another thread has made a pipeline in between
+    if (result == VK_INCOMPLETE) continue;  // another thread made a pipeline in the meantime
     check(result, "vkGetPipelineCacheData");
     data.resize(bytes);
     return data;
@@ -281,7 +281,7 @@ void Context::name_object(VkObjectType type, uint64_t handle, const std::string&
   if (!set_name_) return;
   const VkDebugUtilsObjectNameInfoEXT info{VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT, nullptr, type, handle,
                                            name.c_str()};
-  set_name_(device_, &info);  // a name that is not taken harms nobody
+  set_name_(device_, &info);  // a failure does no harm
 }
 
 std::vector<DeviceInfo> list_devices() {

@@ -27,7 +27,7 @@ std::string_view trimmed(std::string_view text) {
 std::optional<size_t> as_index(std::string_view request, size_t count) {
   if (request.empty() || request.size() > 6 || !std::all_of(request.begin(), request.end(), is_digit)) return std::nullopt;
   const size_t index = std::stoul(std::string(request));
-  // A wrong index must not be found in a name: the 1 of "LLVM 15".
+  // A wrong index must not match part of a name, such as the 1 of "LLVM 15".
   return index < count || request.size() < 3 ? std::optional(index) : std::nullopt;
 }
 

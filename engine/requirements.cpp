@@ -8,7 +8,7 @@ namespace {
 constexpr size_t feature_count = sizeof(VkPhysicalDeviceFeatures) / sizeof(VkBool32);
 
 bool lacks_feature(const VkPhysicalDeviceFeatures& needed, const VkPhysicalDeviceFeatures& has) {
-  // VkPhysicalDeviceFeatures is nothing but VkBool32 members.
+  // VkPhysicalDeviceFeatures has only VkBool32 members.
   const auto* a = reinterpret_cast<const VkBool32*>(&needed);
   const auto* b = reinterpret_cast<const VkBool32*>(&has);
   for (size_t i = 0; i < feature_count; ++i)

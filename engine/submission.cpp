@@ -12,10 +12,10 @@ namespace {
 
 constexpr int kWaitAttempts = 10;
 constexpr uint64_t kNoLimit = std::numeric_limits<uint64_t>::max();
-/// Before anything was measured: the slowest GPUs get through so many workgroups of a convolution in time.
+/// The first value, before any measurement. The slowest GPUs run this many workgroups of a convolution in time.
 constexpr uint64_t kFirstGroups = 2048;
 constexpr uint64_t kFewestGroups = 16;
-/// Factors by which the number may change after a submission: kernels differ more than devices, so neither is trusted far.
+/// The largest factors by which the number may change after a submission, because kernels differ even more than devices.
 constexpr uint64_t kGrowth = 4, kShrinkage = 8;
 
 }  // namespace
@@ -91,7 +91,7 @@ void Submission::submit(const Synchronisation& synchronisation) {
   for (; end_pending_ < recorded_; ++end_pending_) {
     const Part& part = parts_[end_pending_];
     check(context_->vk().ResetFences(context_->device(), 1, &part.fence), "vkResetFences");
-    // A later part does not wait for an earlier one's semaphores, except where a barrier in it says so: each has them all.
+    // Each part gets all semaphores: without a barrier, a later part does not wait for the semaphores of an earlier one.
     const bool last = end_pending_ + 1 == recorded_;
     context_->submit(part.commands, part.fence,
                      {synchronisation.wait, last ? synchronisation.signal : std::span<const TimelinePoint>{}});
@@ -119,7 +119,7 @@ void Submission::wait() {
   adapt(longest_);
 }
 
-/// A host that waits late takes the device for slow: parts get smaller than they had to be, and larger again.
+/// If the host waits late, the device seems slow. Parts then become smaller than necessary, and later larger again.
 void Submission::adapt(double seconds) {
   const double limit = context_->longest_submission();
   if (!std::isfinite(limit)) return;
@@ -130,7 +130,7 @@ void Submission::adapt(double seconds) {
 }
 
 VkResult Submission::wait_for(VkFence fence) noexcept {
-  // Where memory for waiting runs out the device works on, and what it works on must stay.
+  // If there is no memory for waiting, the device still runs, and its resources must stay.
   VkResult result = VK_SUCCESS;
   for (int attempt = 0; attempt < kWaitAttempts; ++attempt) {
     result = context_->vk().WaitForFences(context_->device(), 1, &fence, VK_TRUE, UINT64_MAX);

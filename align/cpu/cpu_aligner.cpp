@@ -21,7 +21,7 @@ struct CpuAligner::Keyframe {
   Features features;
   std::vector<FeatureCheck> checks;
   Pyramid grey;
-  Map match;                               // where starts are matched
+  Map match;                               // for the search by matching
   std::vector<internal::Template> levels;  // finest first
   double mean_inverse_depth = 0;
 };
@@ -106,7 +106,7 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
 
   Alignment out;
   out.features = keyframe.checks;
-  Map weight;  // the M-estimator's, of the level before
+  Map weight;  // of the M-estimator, from the previous level
   internal::Agreement agreement;
   internal::MatchedStart matched;
   if (match_ && pair.search)
@@ -127,7 +127,7 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
     const bool skips = level > first_level;
     if (!skips) lm.begin_level(camera);
     std::vector<float> weights;
-    if (options_.robust != Robust::unit) {  // once a level, from the residual with which it starts
+    if (options_.robust != Robust::unit) {  // once per level, from the residual at its start
       const auto r = internal::residuals(pixels, target, camera, lm.point());
       trace.scale = internal::mad_scale(r);
       weights = internal::robust_weights(options_.robust, r, static_cast<float>(trace.scale));

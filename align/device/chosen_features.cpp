@@ -1,4 +1,4 @@
-// Features that the device chooses in a depth image of the application: Plan::choose_features.
+// The choice of features by the device, in a depth image of the application: Plan::choose_features.
 #include <cmath>
 
 #include <iclk/align/device/impl.h>
@@ -9,7 +9,7 @@ using engine::groups_for;
 using engine::Recorder;
 
 DeviceDepth DeviceDepth::projected(const DeviceImageView& view, float z0, float z1) {
-  // Between the two, the inverse of the depth is linear in the value.
+  // The inverse depth is linear in the value between the two.
   return {view, true, 1 / z1 - 1 / z0, 1 / z0, z1 > z0 ? 1.0f : 0.0f};
 }
 
@@ -22,7 +22,7 @@ void DeviceAligner::Impl::set_chosen_slot(int slot, const Camera& camera) {
   info->tile_count = tiles.build(cells, memory[ids.tiles].as<shaders::MaskTile>() + s * layout.tile_stride,
                                  memory[ids.entries].as<uint32_t>() + s * layout.entry_stride);
   slots[s].chosen = cells.count();
-  slots[s].enough = true;  // as far as is known
+  slots[s].enough = true;  // checked on the device
 }
 
 void DeviceAligner::Impl::choose_features(Recorder& recorder, int slot, const DeviceDepth& depth) const {

@@ -64,7 +64,7 @@ void check_image(const DeviceImage& image, const Plan& plan, const std::string& 
     const uint64_t need =
         buffer.offset + bytes_per_pixel(plan.format) * (static_cast<uint64_t>(row) * static_cast<uint64_t>(plan.height - 1) +
                                                         static_cast<uint64_t>(plan.width));
-    if (buffer.offset % 4 || buffer.offset > buffer.size || need > buffer.size)  // a huge offset wraps round in `need`
+    if (buffer.offset % 4 || buffer.offset > buffer.size || need > buffer.size)  // a huge offset overflows in `need`
       refuse("the VkBuffer has " + std::to_string(buffer.size) + " bytes, the image at offset " +
              std::to_string(buffer.offset) + " (a multiple of 4) needs " + std::to_string(need));
   }

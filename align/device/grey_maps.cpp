@@ -8,7 +8,7 @@
 namespace iclk {
 namespace {
 
-/// The aligner's own.
+/// The grey maps of the aligner.
 class OwnMaps final : public internal::GreyMaps {
  public:
   explicit OwnMaps(const DeviceAligner& aligner) : aligner_(aligner) {}
@@ -28,7 +28,7 @@ AlignerOptions with_finest_levels(AlignerOptions options) {
 }
 
 struct Buffers {
-  /// `references`: 0, the aligner's own serve.
+  /// `references`: 0: use those of the aligner.
   Buffers(const internal::Layout& layout, int references, int batch) {
     using enum engine::MemoryKind;
     const auto texels = engine::BufferUse::storage | engine::BufferUse::texel;
@@ -44,8 +44,8 @@ struct Buffers {
 
 }  // namespace
 
-/// Made from the aligner's pixels. Behind a model all that feature alignment reads; behind grey maps the targets alone, and
-/// these only while one of them is recoloured.
+/// Maps made from the aligner's pixels: with a model all maps of feature alignment, else only targets, and only if one of them
+/// is recoloured.
 class DeviceAligner::Impl::PixelMaps final : public internal::GreyMaps {
  public:
   PixelMaps(const DeviceAligner& aligner, const Impl& m)
@@ -97,7 +97,7 @@ class DeviceAligner::Impl::PixelMaps final : public internal::GreyMaps {
   }
 
  private:
-  /// Of which image a map is (0: of none), and how it was made.
+  /// The image of a map (0: none), and how it was made.
   struct Source {
     uint64_t version = 0;
     GreyWeights weights = kLuma;
@@ -123,7 +123,7 @@ class DeviceAligner::Impl::PixelMaps final : public internal::GreyMaps {
     return maps;
   }
 
-  /// Neighbours that are to be made alike go in one dispatch.
+  /// Adjacent images with equal settings go in one dispatch.
   void record(engine::Recorder& recorder, const Images& images, const std::vector<bool>& asked, const engine::Buffer& pixels,
               const engine::Buffer& maps, bool targets) const {
     const auto stale = [&](size_t i) { return asked[i] && (m_.recorded || images.next[i] != images.held[i]); };

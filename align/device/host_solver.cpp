@@ -7,13 +7,13 @@ namespace iclk {
 using engine::Recorder;
 using internal::LmIteration;
 
-// One batch of the host solver: each evaluation is a submission, each step is LmIteration's.
+// One batch of the host solver: each evaluation is a submission; LmIteration takes the steps.
 struct DeviceAligner::Impl::HostRun {
   Impl& m;
   std::span<const Pair> pairs;
   std::vector<LmIteration> lm;
   std::vector<Alignment> out;
-  std::vector<int> first_level;  // of a pair: takes no steps at coarser ones
+  std::vector<int> first_level;  // of each pair; no steps at coarser levels
   std::vector<float> repeats;    // Ending::repeats
   shaders::PairInfo* infos;
 
@@ -159,7 +159,7 @@ struct DeviceAligner::Impl::HostRun {
     if (level == 0) evaluate_agreement();
   }
 
-  // At the poses where the finest level ended; its weights are still there.
+  // At the final poses of the finest level, with its weights.
   void evaluate_agreement() {
     for (size_t i = 0; i < pairs.size(); ++i) point(i, true);
     Recorder recorder(m.submission, m.arena, m.timer.get());
@@ -190,7 +190,7 @@ struct DeviceAligner::Impl::HostRun {
 std::vector<Alignment> DeviceAligner::Impl::align_on_host(std::span<const Pair> pairs) {
   HostRun host(*this, pairs);
   host.align();
-  if (options.robust != Robust::unit && run_ids.states_read) {  // the scales lie in the states
+  if (options.robust != Robust::unit && run_ids.states_read) {  // the scales are in the states
     Recorder recorder(submission, arena);
     stages().read_back(recorder, static_cast<uint32_t>(pairs.size()));
     submission.end();

@@ -23,7 +23,7 @@ Kernels::Kernels(std::shared_ptr<const engine::Context> context, const Plan& pla
   const uint32_t photometric = options.photometric, adaptive = options.damping == Damping::adaptive, weighted = layout.weighted,
                  robust = static_cast<uint32_t>(options.robust), masked = plan.target_masks;
   engine::KernelBatch batch(context);
-  // Only what a run of this plan needs: the device solver splits a level that has too many elements for one workgroup.
+  // Only kernels that this plan needs: the device solver splits levels with too many elements for one workgroup.
   const bool on_device = solver == Solver::device, split = !on_device || layout.most_elements() > sizes.fused_elements;
   const auto add = [&](bool needed, engine::Kernel& kernel, const engine::KernelDescription& description) {
     if (needed) batch.add(kernel, description);

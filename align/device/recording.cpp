@@ -9,7 +9,7 @@
 namespace iclk {
 namespace {
 
-// Pair data, states and results of one recording, so that two of them in a command buffer do not meet.
+// Pair data, states and results of one recording, so that two recordings in a command buffer do not conflict.
 class DeviceRecording : public DeviceAligner::Recording {
  public:
   DeviceRecording(std::shared_ptr<const engine::Context> context, const internal::Layout& layout, const Plan& plan,
@@ -149,7 +149,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     }
     Impl::Slot& slot = m.slots[static_cast<size_t>(reference.slot)];
     slot.dirty = false;  // nothing was staged
-    slot.set = false;    // until all is recorded: what is thrown on the way leaves a slot without maps
+    slot.set = false;    // until everything is recorded, because an error would leave a slot without maps
     m.upload_tables(recorder, static_cast<uint32_t>(reference.slot), 1);
     m.images.copy(recorder, reference.image, m.memory[m.ids.pixels0], image_bytes * static_cast<uint64_t>(reference.slot));
     if (reference.depth) m.choose_features(recorder, reference.slot, *reference.depth);

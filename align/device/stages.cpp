@@ -32,7 +32,7 @@ AlignerBuffers::AlignerBuffers(const Layout& layout, const Plan& p, Solver solve
   maps0 = plan.add("reference maps", map_bytes * references_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   maps1 = plan.add("target maps", map_bytes * pairs_n, MemoryKind::device, texels, VK_FORMAT_R32_SFLOAT);
   const uint64_t elements = layout.element_stride * references_n;
-  // Dense mode: an inverse depth an element; sparse mode: two words a row of a patch.
+  // Dense mode: one inverse depth per element; sparse mode: two words per row of a patch.
   mask = plan.add("mask", p.dense ? 4 * elements : 8 * (elements / ICLK_PATCH), MemoryKind::device, storage);
   template_a = plan.add("template", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
   template_b = plan.add("template gradients", 16 * elements, MemoryKind::device, texels, VK_FORMAT_R32G32B32A32_SFLOAT);
@@ -87,7 +87,7 @@ engine::ArenaSize Stages::arena_size(const Kernels& k, const DeviceNetwork& netw
   if (k.mask) size.add(k.mask);
   if (k.enable) size.add(k.enable);
   if (k.inverse_depth) size.add(k.inverse_depth);
-  // Twice where level 0 may lie in another buffer than the levels beyond.
+  // Twice if level 0 may be in another buffer than the other levels.
   size.add(k.jacobian, 2);
   if (k.residual) size.add(k.residual, 2);
   if (k.weights) size.add(k.weights);
@@ -136,7 +136,7 @@ void Stages::prepare(Recorder& recorder, const Run& references) const {
         {std::min(groups, most), count, groups_for(groups, most)});
   }
   recorder.stage("jacobian");
-  // Patches are as many at every level, so that one dispatch serves all levels of a buffer; pixels are not.
+  // The number of patches is the same at every level, so one dispatch does all levels of a buffer; the number of pixels is not.
   for (uint32_t l = 0, n = 1; l < levels_n; l += n) {
     n = plan.dense || (l == 0 && layout.level0_in_pixels) ? 1 : levels_n - l;
     recorder.dispatch(kernels.jacobian,
@@ -232,17 +232,17 @@ void Stages::iterate(Recorder& recorder, int level, uint32_t pairs, uint32_t ite
 }
 
 void Stages::align(Recorder& recorder, uint32_t pairs) const {
-  // At every execution: an application may submit a recording more than once.
+  // Copied at every execution, because an application may submit a recording more than once.
   recorder.copy(run[*run_ids.given], run[run_ids.pairs], sizeof(shaders::PairInfo) * pairs);
   if (plan.choose_features) enable(recorder, pairs);
   match(recorder, pairs);
-  uint32_t given = ICLK_FLAG_GIVEN;  // until the first dispatch that leaves a state
+  uint32_t given = ICLK_FLAG_GIVEN;  // until the first dispatch that writes a state
   for (int level = options.levels - 1; level >= 0; --level) {
     if (level == options.levels - 1 && options.photometric) {
       iterate(recorder, level, pairs, 0, ICLK_FLAG_START | ICLK_FLAG_UNIT_WEIGHTS | given);
       given = 0;
     }
-    // iterate.comp makes robust weights itself.
+    // iterate.comp computes robust weights.
     if (network.m_estimator || layout.levels[static_cast<size_t>(level)].element_count > sizes.fused_elements)
       weights(recorder, level, pairs, given);
     const bool ends = level == 0 || options.damping == Damping::adaptive;

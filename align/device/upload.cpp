@@ -19,7 +19,7 @@ bool is_bgr(PixelFormat f) { return f == PixelFormat::bgr8 || f == PixelFormat::
 
 uint8_t to_byte(float x) { return static_cast<uint8_t>(std::lround(255.0f * std::clamp(x, 0.0f, 1.0f))); }
 
-// One row of any format as floats in [0, 1] (floats as they are), RGB or single channel.
+// Converts one row of any format to floats in [0, 1] (floats are unchanged), RGB or single channel.
 template <class T>
 void read_row(const ImageView& image, int v, float scale, std::vector<float>& out) {
   const size_t n = static_cast<size_t>(image.width) * channels(image.format);
@@ -39,7 +39,8 @@ void row_as_float(const ImageView& image, int v, std::vector<float>& out) {
     read_row<float>(image, v, 1.0f, out);
 }
 
-// Of three bytes a pixel, four pixels at a time where the processor can choose bytes; returns how many pixels that were.
+// Converts three bytes per pixel, four pixels at a time, if the processor can shuffle bytes. Returns the number of converted
+// pixels.
 #if defined(__x86_64__) && defined(__GNUC__)
 template <bool kSwap>
 [[gnu::target("ssse3")]] int four_at_a_time(const uint8_t* p, int width, uint8_t* out) {
@@ -69,7 +70,7 @@ int whole_fours(const uint8_t*, int, uint8_t*) {
 }
 #endif
 
-// 8-bit pixels of N bytes to four, the common case, without a detour over floats.
+// Converts 8-bit pixels of N bytes to four bytes, the common case, without floats.
 template <int N, bool kSwap>
 void bytes_to_four(const ImageView& image, int v, uint8_t* out) {
   const uint8_t* p = image.row(v);
@@ -78,7 +79,7 @@ void bytes_to_four(const ImageView& image, int v, uint8_t* out) {
   for (; u < image.width; ++u) {
     const uint8_t* pixel = p + static_cast<size_t>(u) * N;
     const std::array<uint8_t, 4> four{pixel[kSwap ? 2 : 0], pixel[N == 1 ? 0 : 1], pixel[N == 1 || kSwap ? 0 : 2], 255};
-    std::memcpy(out + 4 * static_cast<size_t>(u), four.data(), 4);  // at once: single bytes are slow where nothing is cached
+    std::memcpy(out + 4 * static_cast<size_t>(u), four.data(), 4);  // in one write: single bytes are slow in uncached memory
   }
 }
 

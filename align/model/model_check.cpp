@@ -17,7 +17,7 @@ void need_range(const std::string& what, double value, double least, double most
   refuse(what + " is " + text_of(value) + ", must be " + text_of(least) + " to " + text_of(most));
 }
 
-/// Returns the channels that the layer gives.
+/// Returns the output channels of the layer.
 int check_layer(const std::string& name, const ConvLayer& layer, int in) {
   if (layer.in != in)
     refuse(name + " takes " + std::to_string(layer.in) + " channels, what goes into it has " + std::to_string(in));

@@ -116,7 +116,7 @@ Safetensors parse_safetensors(std::span<const uint8_t> file) {
     else
       entries.push_back(parse_entry(header.keys[i], header.items[i], data.size()));
   }
-  // In the order of their bytes: what overlaps or leaves a gap is a damaged file or one that hides something.
+  // In the order of their bytes, to detect overlaps and gaps: such a file is damaged or hides data.
   std::sort(entries.begin(), entries.end(),
             [](const Entry& a, const Entry& b) { return std::pair(a.begin, a.end) < std::pair(b.begin, b.end); });
   size_t expected = 0;

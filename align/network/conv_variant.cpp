@@ -9,8 +9,8 @@ const char* name(ConvVariant variant) {
   return names[static_cast<int>(variant)];
 }
 
-// The numbers are of lavapipe (docs/results/convolutions.md). Transforms of whole tiles are paid once a layer. They pay where
-// many products follow, and where there are enough tiles that threads need not transform the same ones.
+// The numbers are measurements on lavapipe (docs/results/convolutions.md). Whole tiles are transformed once per layer. That is
+// faster if many products follow, and if there are enough tiles that threads need not repeat transformations.
 ConvVariant choose_variant(const ConvShape& shape, engine::DeviceType type) {
   if (type != engine::DeviceType::cpu) return ConvVariant::direct;
   const int64_t in = shape.in, products = in * shape.out, input = in * shape.width * shape.height;

@@ -18,11 +18,11 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
-constexpr uint32_t kTileSize = 4;  // pixels a side that Winograd's tiles make
+constexpr uint32_t kTileSize = 4;  // output pixels per side of Winograd's tiles
 constexpr uint32_t kBorderLanes = 64;
 constexpr uint32_t kTileLanes = 8;  // of a workgroup of whole tiles, a power of two
 
-// Tiles of all images, and of one sub-grid in x and y. Four sub-grids of an even dilation fill up a workgroup each: see
+// The number of tiles of all images, and of one sub-grid in x and y. Four sub-grids of an even dilation fill a workgroup: see
 // shaders/convolution/winograd_tile.glsl.
 struct Tiles {
   explicit Tiles(const ConvStep& step) {
@@ -45,8 +45,8 @@ uint64_t fused_texels(const ConvStep& step) {
   return ICLK_FUSED_WORK_TEXELS + ICLK_FUSED_SLOTS * kGroupTiles * tile_texels(step);
 }
 
-// Blocks of output channels that an item of a fused step may have; 0: none. lavapipe ends the loops of an invocation after
-// 65,535 turns, all of them together, and says nothing.
+// The most blocks of output channels of a fused step's work item; 0: none. lavapipe silently ends the loops of an invocation
+// after 65,535 iterations in all.
 uint64_t most_item_blocks(const ConvStep& step) {
   constexpr uint64_t turns = 50'000;
   const uint64_t m = kTileSize + 2, planes = step.in.planes(), transform = ICLK_WINOGRAD_TILES * (1 + planes * (1 + m)),
@@ -54,14 +54,14 @@ uint64_t most_item_blocks(const ConvStep& step) {
   return transform < turns ? (turns - transform) / block : 0;
 }
 
-// Fewer where there are not enough items for all threads; but each of them transforms its tiles anew.
+// Smaller items if there are too few for all threads, although each item repeats the transformation of its tiles.
 uint32_t item_blocks(const ConvStep& step, uint64_t groups) {
   const uint64_t blocks = engine::groups_for(step.out.channels, kBlock), wanted = 2 * cores(),
                  parts = std::clamp<uint64_t>((wanted + groups - 1) / groups, 1, blocks);
   return static_cast<uint32_t>(std::min(most_item_blocks(step), (blocks + parts - 1) / parts));
 }
 
-// Invocations a column of the image that make `rows` pixels each.
+// The number of invocations per column of the image, with `rows` pixels each.
 uint64_t invocations(uint32_t height, uint32_t dilation, uint32_t rows) {
   return static_cast<uint64_t>(engine::groups_for(height, rows * dilation)) * dilation;
 }
@@ -138,8 +138,8 @@ ConvKernels::ConvKernels(std::shared_ptr<const engine::Context> context, std::sp
   wanted.make();
 }
 
-// Tall tiles have the fewest fetches; small images have too few of them to keep a GPU busy, and what shares a chip with a CPU
-// has fewer registers. By one image, so that the bits do not depend on how many there are.
+// Tall tiles have the fewest fetches. Small images have too few of them to occupy a GPU, and integrated GPUs have fewer
+// registers. The choice follows from one image, so that results do not depend on the number of images.
 uint32_t ConvKernels::direct_rows(const ConvStep& step) const {
   constexpr uint64_t kBusy = 16384;
   if (type_ == engine::DeviceType::cpu) return ICLK_CONV_ROWS;
@@ -210,7 +210,7 @@ void ConvKernels::record_borders(engine::Recorder& recorder, const TensorLayout&
 }
 
 void ConvKernels::add_to(engine::ArenaSize& size) const {
-  // The activations go to and fro between two buffers.
+  // Activations alternate between two buffers.
   size.add(border_, 2);
   for (const engine::Kernel& kernel : direct_)
     if (kernel) size.add(kernel, 2);

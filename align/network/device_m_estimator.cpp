@@ -15,7 +15,7 @@ namespace {
 
 constexpr uint32_t kLanes = 64;
 constexpr uint64_t kTexel = 16, kInputTexel = 8;
-// Of the pairs that are in work at a time, and of the patches.
+// The largest buffers of the pairs and of the patches that are processed at a time.
 constexpr uint64_t kInputBytes = 64ull << 20, kPatchBytes = 64ull << 20;
 
 uint32_t planes(uint32_t channels) { return (channels + 3) / 4; }
@@ -33,7 +33,7 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
       map_stride_(layout.map_stride),
       weight_stride_(layout.weight_stride),
       lanes_(context.info().type == engine::DeviceType::cpu ? 32 : 64) {
-  // The output of the last layer is the piece itself; each layer before sees a dilation more on every side.
+  // The output of the last layer is the piece; each earlier layer is larger by the dilation on every side.
   for (const ConvLayer& layer : model_->m_estimator) margin_ += static_cast<uint32_t>(layer.dilation);
   uint64_t weights = 0;
   uint32_t margin = margin_, in_channels = 4;
@@ -71,7 +71,7 @@ MEstimator::MEstimator(const engine::Context& context, std::shared_ptr<const Mod
   };
   residuals_ = memory.add("M-estimator residuals", 4ull * weight_stride_ * static_cast<uint64_t>(batch), MemoryKind::device,
                           BufferUse::storage);
-  // Two halves of a pixel's input: a buffer of a device with small buffers holds twice as many pixels.
+  // The input of a pixel is split over two buffers, so that devices with small buffers can have twice as many pixels.
   for (engine::BufferId& input : inputs_)
     input = memory.add("M-estimator input", kInputTexel * pixels * pairs_per_pass_, MemoryKind::device,
                        BufferUse::storage | BufferUse::texel, VK_FORMAT_R32G32_SFLOAT);
@@ -98,8 +98,8 @@ MEstimator::Room MEstimator::room_of(Size piece) const {
   return room;
 }
 
-// Tiles are `dilation` rows apart: of a patch they leave a third of their rows empty, or hardly any. On whole levels it makes
-// little difference, and tall tiles fetch less.
+// Rows of a tile are `dilation` apart. On a patch a third of the rows may be empty, so the better of two heights is chosen. On
+// whole levels tall tiles fetch less.
 uint32_t MEstimator::rows_of(const Layer& layer, Size piece) const {
   const uint32_t height = piece.height + 2 * layer.margin;
   const auto computed = [&](uint32_t rows) { return engine::groups_for(height, rows * layer.dilation) * rows; };
@@ -113,7 +113,7 @@ uint32_t MEstimator::pieces_that_fit(Size piece) const {
       {(room_.even - one.beyond) / one.even, (room_.odd - one.beyond) / one.odd, static_cast<uint64_t>(most_pieces_)}));
 }
 
-// In products of 4 input and 8 output channels with a tap of the kernel.
+// The work in products of 4 input and 8 output channels with a tap of the kernel.
 uint64_t MEstimator::work_of(Size piece) const {
   uint64_t work = 0;
   for (const Layer& layer : layers_)

@@ -11,7 +11,7 @@ namespace iclk::internal {
 namespace {
 
 constexpr uint32_t kLanes = 64;
-// Activations of one pass: more images at a time fill a large device, and cost memory.
+// The activations of one pass. More images at a time use a large device better, but need more memory.
 constexpr uint64_t kPassBytes = 192ull << 20;
 
 }  // namespace
@@ -165,7 +165,7 @@ void Encoder::record(engine::Recorder& recorder, const engine::Workspace& memory
       images.first += taken;
       images.count -= taken;
       filled += taken;
-      if (filled == pass_ || parts.size() == 2) pass();  // a step has place for two
+      if (filled == pass_ || parts.size() == 2) pass();  // a step writes at most two parts
     }
   if (filled > 0) pass();
 }

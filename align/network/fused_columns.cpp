@@ -9,16 +9,16 @@
 namespace iclk::internal {
 namespace {
 
-// A subgroup of lavapipe's.
+// The size of a subgroup of lavapipe.
 constexpr uint32_t kLanes = 8;
 
-// Planes of input x blocks of output x workgroups' widths that an item of work has: some 25 us, so that all threads end
-// together, and what an item costs by itself does not show.
+// The size of a work item: planes of input x blocks of output x workgroup widths. It takes about 25 us, so that all threads end
+// together and the overhead per item is negligible.
 constexpr uint32_t kItemWork = 32;
 
 uint32_t blocks_of(const ConvStep& step) { return engine::groups_for(step.out.channels, ICLK_CONV_CHANNELS); }
 
-// An invocation's two tiles are one below the other, or of two phases of an even dilation: see the shader.
+// The two tiles of an invocation are one below the other, or two phases of an even dilation: see the shader.
 bool paired(const ConvStep& step) { return step.reduced && step.dilation % 2 == 0; }
 
 }  // namespace
@@ -37,13 +37,13 @@ engine::KernelDescription FusedColumns::description(const ConvStep& step) {
 }
 
 bool FusedColumns::can_reduce(const ConvStep& step) {
-  // lavapipe ends the loops of an invocation after 65,535 turns, all of them together.
+  // lavapipe ends the loops of an invocation after 65,535 iterations in all.
   const uint64_t turns = blocks_of(step) * (2ull + 4ull * step.in.planes());
   return (step.dilation == 1 || step.dilation % 2 == 0) && turns < 50'000;
 }
 
 void FusedColumns::add_to(engine::ArenaSize& size) const {
-  // The activations go to and fro between two buffers, and maps go to either of two, or to both.
+  // Activations alternate between two buffers; maps go to one of two buffers, or to both.
   for (uint32_t i = 0; i < kKernels; ++i)
     if (kernels_[i]) size.add(kernels_[i], i == 0 ? 2 : 2 * 4);
 }
@@ -75,7 +75,7 @@ void FusedColumns::record(engine::Recorder& recorder, const ConvStep& step, cons
   const uint64_t items = static_cast<uint64_t>(engine::groups_for(push.height, rows)) * phases * push.images *
                          engine::groups_for(push.width, kLanes * push.item_steps) *
                          engine::groups_for(blocks, push.item_blocks);
-  // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
+  // Twice as many workgroups as items, so that one of two threads can do all items if the other is delayed.
   recorder.dispatch(kernel, {&in, &weights, &out, &scratch, maps[0], maps[1]}, push, spread(1, 2 * items, 1));
 }
 

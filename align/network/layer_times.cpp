@@ -15,13 +15,13 @@
 namespace iclk::internal {
 namespace {
 
-// A CPU device works in this process: its processor time, which other work on the machine disturbs least. Else the wall's.
+// A CPU device runs in this process, so its processor time is measured, which other processes disturb least. Else wall time.
 double now(engine::DeviceType type) {
   if (type == engine::DeviceType::cpu) return static_cast<double>(std::clock()) / CLOCKS_PER_SEC;
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-// Weights are not packed yet.
+// The step of a shape, before its weights are packed.
 ConvStep step_of(const ConvShape& shape, ConvVariant variant, const engine::Context& context) {
   ConvStep step;
   step.variant = variant;
@@ -41,7 +41,7 @@ ConvStep step_of(const ConvShape& shape, ConvVariant variant, const engine::Cont
   return step;
 }
 
-// As the finest levels have it, with rows of whole vec4.
+// A place as in the finest levels, with rows of whole vec4.
 MapPlace place_of(const ConvStep& step) {
   const uint32_t width = step.out.width, height = step.out.height, pitch = (width + 3) / 4 * 4;
   return {0, pitch, pitch * height, 0, 0, width, height};
@@ -60,11 +60,11 @@ struct Kernels {
   std::map<ConvVariant, ConvKernels> convolutions;
 };
 
-// What all variants of a layer read and write.
+// The input and output of all variants of a layer.
 struct Tensors {
   Tensors(const std::shared_ptr<const engine::Context>& context, const ConvShape& shape) {
     const ConvStep step = step_of(shape, ConvVariant::direct, *context);
-    // A reduced output and the sums behind it are smaller than a whole one, but not at a pixel or two.
+    // A reduced output with its sums is smaller than a whole one, except for very small images.
     const uint64_t reduced = shape.last ? channel_sums(step).texels(1) : 0;
     engine::MemoryPlan plan;
     const auto add = [&](const char* what, uint64_t texels) {
@@ -77,7 +77,7 @@ struct Tensors {
     engine::Submission fill(context);
     engine::DescriptorArena arena(context, {});
     engine::Recorder recorder(fill, arena);
-    // 0.5: denormals and NaN have times of their own.
+    // 0.5, because denormals and NaN take different times.
     recorder.fill((*memory)[x], 0x3f000000u);
     fill.end();
     fill.submit_and_wait();
@@ -86,7 +86,7 @@ struct Tensors {
   std::optional<engine::Workspace> memory;
 };
 
-// A layer in one variant, ready to be run.
+// A layer in one variant, ready to run.
 class Trial {
  public:
   Trial(const std::shared_ptr<const engine::Context>& context, const Kernels& kernels, const ConvKernels& convolutions,
@@ -125,7 +125,8 @@ class Trial {
     submission_.end();
   }
 
-  // Seconds. To a GPU a small layer is handed over in more time than it takes, so that its own clock is read where it has one.
+  // Returns seconds. The submission of a small layer takes longer than its run on a GPU, so timestamps of the device are used
+  // if it has them.
   double run() {
     const double begin = now(type_);
     submission_.submit_and_wait();
@@ -151,9 +152,9 @@ LayerTimes time_layer(const std::shared_ptr<const engine::Context>& context, con
   std::map<ConvVariant, std::vector<double>> seconds;
   for (const auto& [variant, convolutions] : kernels.convolutions)
     if (has_kernel(step_of(shape, variant, *context), *context))
-      // The first run, which compiles, does not count.
+      // The first run compiles and is not counted.
       trials.try_emplace(variant, context, kernels, convolutions, shape, variant, tensors).first->second.run();
-  // They take turns, so that what else the machine does for a while falls on all of them.
+  // They take turns, so that temporary load of the machine affects all of them.
   for (int run = 0; run < repetitions; ++run)
     for (auto& [variant, trial] : trials) seconds[variant].push_back(trial.run());
   LayerTimes times{shape, {}};

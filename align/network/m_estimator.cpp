@@ -8,7 +8,7 @@ namespace {
 
 float sigmoid(float x) { return 1 / (1 + std::exp(-x)); }
 
-/// Part [u0, u0 + width) x [v0, v0 + height).
+/// The part [u0, u0 + width) x [v0, v0 + height).
 Planes cropped(const Planes& in, int u0, int v0, int width, int height) {
   Planes out(in.channels, width, height);
   for (int c = 0; c < in.channels; ++c)
@@ -30,7 +30,7 @@ Map m_estimator(const Model& model, const Planes& in, const Map& visible) {
       for (int v = v0; v < v1 && !any; ++v)
         for (int u = u0; u < u1 && !any; ++u) any = visible.at(u, v) > 0;
       if (!any) continue;
-      // Zeros beyond the image are those of the padding; zeros beyond the halo do not reach the tile.
+      // Zeros outside the image are the padding; zeros outside the halo do not affect the tile.
       const int a = std::max(u0 - reach, 0), b = std::max(v0 - reach, 0);
       Planes x = cropped(in, a, b, std::min(u1 + reach, in.width) - a, std::min(v1 + reach, in.height) - b);
       for (const ConvLayer& layer : model.m_estimator) x = convolve(x, layer);

@@ -27,7 +27,7 @@ void gather_tap(const Planes& in, int channel, int du, int dv, int v0, int rows,
   }
 }
 
-/// Brings all values together to zero mean and unit deviation. A pixel with a channel that is no number has no part in them.
+/// Normalises all values together to zero mean and unit deviation. Pixels with a NaN channel are left out.
 void normalise(std::vector<Map>& maps) {
   const size_t pixels = maps.front().data.size();
   std::vector<bool> counts(pixels);
@@ -66,8 +66,8 @@ Planes network_input(const Model& model, const ImageView& image) {
 }
 
 Planes convolve(const Planes& in, const ConvLayer& layer) {
-  // One matrix product for some rows at a time: weights (out x 9 in) by the pixels under each tap (9 in x pixels). So many
-  // rows that the pixels stay in the cache.
+  // One matrix product per group of rows: weights (out x 9 in) by the pixels under each tap (9 in x pixels). The group is small
+  // enough that the pixels stay in the cache.
   constexpr int kCacheFloats = 1 << 17;
   const int taps = 9 * layer.in;
   const int strip = std::clamp(kCacheFloats / (taps * in.width), 1, in.height);

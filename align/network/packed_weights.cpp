@@ -11,8 +11,7 @@ namespace {
 constexpr uint32_t kBlock = ICLK_CONV_CHANNELS;
 
 uint32_t blocks(const ConvLayer& layer) { return (static_cast<uint32_t>(layer.out) + kBlock - 1) / kBlock; }
-// Input planes for which there are weights: the products of Winograd take two at a time
-// (shaders/convolution/winograd_sums.glsl).
+// The number of input planes with weights: Winograd's products process two at a time (shaders/convolution/winograd_sums.glsl).
 uint32_t weight_planes(const ConvLayer& layer, ConvVariant variant) {
   const uint32_t planes = (static_cast<uint32_t>(layer.in) + 3) / 4;
   return of_whole_tiles(variant) ? (planes + 1) / 2 * 2 : planes;
@@ -22,7 +21,7 @@ uint32_t weight_planes(const ConvLayer& layer, ConvVariant variant) {
 // other points, so that the shaders' B^T has no divisions.
 using Matrix = std::vector<std::array<double, 3>>;
 Matrix kernel_transform() {
-  // The points at which Winograd's polynomials are multiplied, besides infinity.
+  // The points at which Winograd's polynomials are multiplied, apart from infinity.
   constexpr double points[] = {0, ICLK_WINOGRAD_A, -ICLK_WINOGRAD_A, ICLK_WINOGRAD_B, -ICLK_WINOGRAD_B};
   Matrix G;
   for (double x : points) {
@@ -35,8 +34,8 @@ Matrix kernel_transform() {
   return G;
 }
 
-// The weights of one pair of channels, as many as positions(): columns of the kernel first where it is plain, each times G for
-// `winograd4x1`, else G g G^T.
+// The positions() weights of one pair of channels: the kernel by columns (direct), its columns times G (`winograd4x1`), or G g
+// G^T.
 std::array<float, 36> transformed(const float* g, ConvVariant variant, const Matrix& G) {
   std::array<float, 36> out{};
   const size_t m = G.size();
@@ -90,7 +89,7 @@ PackedLayer PackedWeights::add(const ConvLayer& layer, ConvVariant variant) {
       const auto values = transformed(&layer.weight[(o * in + i) * 9], variant, G);
       const size_t half = o % kBlock / 4;
       for (size_t p = 0; p < n; ++p) {
-        // The products of tiles walk through the planes at each position, the others through the positions of each plane.
+        // Products of tiles loop over the planes at each position; the others loop over the positions of each plane.
         const size_t step = of_whole_tiles(variant) ? p * in_planes + i / 4 : (i / 4) * n + p;
         const size_t texel = (o / kBlock * n * in_planes + step) * kBlock + 2 * (i % 4) + half;
         to[4 * texel + o % 4] = values[p];

@@ -8,30 +8,31 @@
 namespace iclk::internal {
 namespace {
 
-// How far what lies beyond a border reaches into the maps, in whole pixels of the coarsest level (`grid` of level 0), the
-// widest of all levels.
+// How far the outside of a border affects the maps, at most over all levels. Rounded up to pixels of the coarsest level (`grid`
+// pixels of level 0).
 uint32_t margin_of(const Model& model, int levels, uint32_t grid) {
   uint64_t reach = 0, margin = 0;
   for (int l = 0; l < levels; ++l) {
-    reach = (reach + 1) / 2;  // the pixel of two of which one is wrong is wrong
+    reach = (reach + 1) / 2;  // a mean is affected if one of its pixels is
     for (const ConvLayer& layer : model.encoder[static_cast<size_t>(l)]) reach += static_cast<uint64_t>(layer.dilation);
     margin = std::max(margin, reach << l);
   }
   return static_cast<uint32_t>((margin + grid - 1) / grid * grid);
 }
 
-// One axis of the image. Tiles are as long as the image modulo `grid`: then the last one begins on the grid as well.
+// One axis of the image. The length of tiles equals that of the image modulo `grid`, so that the last tile also begins on the
+// grid.
 struct Axis {
   uint32_t size, grid, margin;
 
-  // At most, each a step of the grid behind the other.
+  // The largest number of tiles, each one step of the grid after the previous one.
   uint32_t most_tiles() const { return std::max(1u, size / grid - std::min(size, 2 * margin) / grid); }
-  // Of each of so many tiles.
+  // The length of each of `tiles` tiles.
   uint32_t length(uint32_t tiles) const {
     if (tiles == 1) return size;
     return 2 * margin + engine::groups_for(size / grid - 2 * margin / grid, tiles) * grid + size % grid;
   }
-  // Of all, at least.
+  // The smallest sum of their lengths.
   uint64_t pixels(uint32_t tiles) const { return size + (tiles - 1) * 2ull * margin; }
   std::vector<Tiling::Span> spans(uint32_t tiles) const {
     const uint32_t last = size - length(tiles), step = tiles > 1 ? length(tiles) - size % grid - 2 * margin : 0;

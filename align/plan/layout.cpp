@@ -21,7 +21,7 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
   pixel_words = static_cast<uint32_t>(static_cast<uint64_t>(row_pixels()) * height * bytes_per_pixel(plan.format) / 4);
   learned = model;
   weighted = options.robust != Robust::unit || (model && !model->m_estimator.empty());
-  // A copy of level 0 as floats would be most of what the pyramid writes, and would say nothing new.
+  // A copy of level 0 as floats would be most of the pyramid, without new information.
   level0_in_pixels = !learned && channels(plan.format) == 1 && !storage_reads;
   for (int l = 0; l < options.levels; ++l) {
     shaders::LevelInfo info{};
@@ -37,7 +37,7 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
     weight_stride = std::max(weight_stride, info.element_count);
     if (!plan.dense) {
       const BlockLattice blocks = lattice(info);
-      auto reached = 4 * static_cast<uint64_t>(plan.max_features);  // each patch reaches into four at most
+      auto reached = 4 * static_cast<uint64_t>(plan.max_features);  // each patch reaches at most four
       if (plan.choose_features) {
         const Cells cells(plan);
         uint64_t anywhere = 0;
@@ -51,13 +51,14 @@ Layout::Layout(const Plan& plan, const AlignerOptions& options, const Model* mod
     levels.push_back(info);
   }
   weight_stride = round_up(weight_stride, 1024);  // whole blocks (shaders/align/weights.glsl) of the largest workgroup
-  map_stride = std::max(map_stride, 4u);          // no map at all is no buffer
+  map_stride = std::max(map_stride, 4u);          // buffers must not be empty
   match_places = static_cast<uint32_t>(MatchLayout(plan, options).places());
   trace_stride = static_cast<uint32_t>(options.levels * options.iterations);
 }
 
 BlockLattice lattice(const shaders::LevelInfo& level) {
-  // A patch of level 0 lies in the image. At level l its last pixel is width + 4 at most: (width << l) is up to 2^l - 1 short.
+  // A patch of level 0 lies in the image. At level l its last pixel is at most width + 4, because width << l may be up to 2^l -
+  // 1 less than the image width.
   const auto blocks = [](uint32_t pixels) { return (pixels + 4) / ICLK_BLOCK + 2; };
   return {blocks(level.width), blocks(level.height)};
 }
@@ -93,12 +94,12 @@ WorkgroupSizes::WorkgroupSizes(const engine::DeviceInfo& device, const AlignerOp
   map = 64;
   weights = largest;
   group_elements = cpu ? 768 : 1024;  // whole patches
-  // On a CPU a loop may run 65,535 times an invocation, summed over nested loops (Mesa 22.3): an evaluation of n elements is
-  // n / 8 * 5 / 4 rounds, and the weights of a level are as many as 11 evaluations.
+  // On a CPU the loops of an invocation are limited to 65,535 iterations in all (Mesa 22.3). An evaluation of n elements takes
+  // n / 8 * 5 / 4 iterations, and the weights of a level as many as 11 evaluations.
   const auto evaluations = static_cast<uint32_t>(options.iterations) + 12;
-  // A pair of iterate.comp is one workgroup. Larger levels are spread over a GPU, at two dispatches a step; on an H200 that is
-  // faster for one pair of 200 features (0.5 ms for 0.8) and for 16 (0.04 ms a pair for 0.06). By the plan's features alone, so
-  // that results depend neither on the pairs that a plan allows nor on how full a batch is.
+  // iterate.comp uses one workgroup per pair. Larger levels are spread over a GPU, with two dispatches per step. On an H200
+  // that is faster for one pair of 200 features (0.5 ms instead of 0.8) and for 16 pairs (0.04 ms per pair instead of 0.06).
+  // Only the features of the plan decide, so that results do not depend on the size of a batch.
   fused_elements = cpu ? std::min(16384u, 65535u * 8 * 4 / 5 / evaluations) : 4096u;
 }
 
@@ -117,7 +118,7 @@ VkFormat texel_format(PixelFormat format) {
     case PixelFormat::r8: return VK_FORMAT_R8_UNORM;
     case PixelFormat::r32f: return VK_FORMAT_R32_SFLOAT;
     case PixelFormat::rgba32f: return VK_FORMAT_R32G32B32A32_SFLOAT;
-    default: return VK_FORMAT_R8G8B8A8_UNORM;  // of BGRA as well, which not every device has: shaders swap
+    default: return VK_FORMAT_R8G8B8A8_UNORM;  // also for BGRA, which not every device has: shaders swap the channels
   }
 }
 

@@ -52,7 +52,7 @@ double peak(float before, float here, float after) {
   return bend < 0 ? std::clamp(0.5f * (before - after) / bend, -0.5f, 0.5f) : 0;
 }
 
-// How well poses agree with correspondences; shaders/search/match_cost.glsl.
+// The costs of poses for correspondences; shaders/search/match_cost.glsl.
 class Agreeing {
  public:
   Agreeing(const std::vector<Correspondence>& all, const Camera& camera, double tolerance)
@@ -72,7 +72,7 @@ class Agreeing {
     int inliers = 0;
   };
   Cost cost(const SE3& T) const { return cost(T, columns_); }
-  // Of at least kEnough of them, where there are so many: to tell hypotheses apart.
+  // The cost on a sample of at least kEnough correspondences, enough to compare hypotheses.
   Cost rough_cost(const SE3& T) const { return cost(T, some_); }
 
   // One Gauss-Newton step with Tukey's weights, T <- Exp(xi) T.
@@ -107,7 +107,7 @@ class Agreeing {
   using Columns = Eigen::Array<float, Eigen::Dynamic, 5>;  // point, pixel from the principal point
   static constexpr Eigen::Index kEnough = 256;
 
-  // In arrays, which the compiler vectorises: this is called for each of hundreds of hypotheses.
+  // Uses arrays, which the compiler vectorises, because it is called for hundreds of hypotheses.
   Cost cost(const SE3& T, const Columns& of) const {
     const Eigen::Matrix3f R = T.R.cast<float>();
     const Eigen::Vector3f t = T.t.cast<float>();
@@ -116,7 +116,7 @@ class Agreeing {
     const Eigen::ArrayXf z = X(2), per_z = z.inverse();
     const float unit = 1 / static_cast<float>(tolerance_ * tolerance_);
     const Eigen::ArrayXf squared = unit * ((of.col(3) - fx * X(0) * per_z).square() + (of.col(4) - fy * X(1) * per_z).square());
-    // Not min(): the residual of a point too far away for a float is NaN.
+    // Not min(): the residual of a point too far for a float is NaN.
     const Eigen::ArrayXf e = (z > float{ICLK_LEAST_DEPTH} && squared < 1.0f).select(squared, 1.0f);
     return {static_cast<double>(e.sum()), static_cast<int>((e < 1).count())};
   }
@@ -134,7 +134,7 @@ MatchLayout::MatchLayout(const Plan& plan, const AlignerOptions& options) {
   while ((plan.width / scale) * (plan.height / scale) > ICLK_MATCH_AREA) ++scale;
   width = plan.width / scale;
   height = plan.height / scale;
-  // A few patches beside one another, or nothing can be told apart.
+  // The map must fit several patches side by side, or matches cannot be distinct.
   enabled = enabled && width >= 3 * kPatch && height >= 3 * kPatch;
   if (!enabled) return;
   places_x = width - kPatch + 1;
@@ -237,7 +237,7 @@ std::vector<Correspondence> correspondences(const Map& map0, const Map& map1, co
       for (const MatchDescriptor& roll : rolls) most = std::max(most, dot(roll, d));
       return most;
     };
-    // The best place of each tile, then of all, then of those that are not next to it.
+    // The best place of each tile, then of all tiles, then of those not adjacent to it.
     std::vector<std::pair<float, int>> tiles(static_cast<size_t>(layout.tiles()), {0, -1});
     for (int v = 0; v < layout.places_y; ++v)
       for (int u = 0; u < layout.places_x; ++u) {

@@ -36,7 +36,7 @@ double cube_root(double b, double c, double d) {
   return x;
 }
 
-// Of a symmetric matrix with a zero eigenvalue.
+// The eigenvector of eigenvalue e of a symmetric matrix with a zero eigenvalue.
 Vector3d eigenvector(double e, const Matrix3d& M) {
   const double scale = 1 / (e * (M(0, 0) + M(1, 1)) - M(0, 0) * M(1, 1) - e * e + M(0, 1) * M(0, 1));
   const double a = -scale * (e * M(0, 2) + M(0, 1) * M(1, 2) - M(0, 2) * M(1, 1));

@@ -8,7 +8,7 @@
 namespace iclk::internal {
 namespace {
 
-// Gradient of the bilinear surface, which is what the residual of the iterations follows.
+// The gradient of the bilinear surface, which the residuals of the iterations follow.
 Eigen::RowVector2d surface_gradient(const Map& f, double u, double v) {
   const int u0 = std::min(static_cast<int>(u), f.width - 2), v0 = std::min(static_cast<int>(v), f.height - 2);
   const double fu = u - u0, fv = v - v0;
@@ -16,7 +16,7 @@ Eigen::RowVector2d surface_gradient(const Map& f, double u, double v) {
   return {(1 - fv) * (f10 - f00) + fv * (f11 - f01), (1 - fu) * (f01 - f00) + fu * (f11 - f10)};
 }
 
-// d(warped pixel) / d(pixel), the inverse depth held.
+// d(warped pixel) / d(pixel) for a constant inverse depth.
 Eigen::Matrix2d warp_jacobian(const Camera& c, const SE3& T_10, const TemplatePixel& p) {
   const Eigen::Vector3d ray((p.u - c.cx) / c.fx, (p.v - c.cy) / c.fy, 1.0);
   const Eigen::Vector3d X = T_10.R * ray + static_cast<double>(p.inverse_depth) * T_10.t;
@@ -42,7 +42,7 @@ Agreement& Agreement::operator+=(const Agreement& other) {
 
 double Agreement::variance_ratio(double parameters) const {
   if (!(pixel_scores > 0)) return 1;
-  // Of two numbers a patch, as many as there are parameters have been made zero.
+  // Each patch has two scores; the estimate has made `parameters` combinations of them zero.
   return std::max(1.0, patch_scores / pixel_scores * 2 * patches / std::max(2 * patches - parameters, 1.0));
 }
 

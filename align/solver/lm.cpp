@@ -59,7 +59,7 @@ void LmIteration::begin_level(const Camera& level_camera) {
 
 LmIteration::System LmIteration::system(const NormalSums& sums, const Point& at, double variance) const {
   System s{sums.H, sums.g, sums.cost};
-  // The pose moves gain * f0, so its columns count `gain` times.
+  // The pose moves gain * f0, so its columns are multiplied by the gain.
   s.H.topRows<6>() *= at.gain;
   s.H.leftCols<6>() *= at.gain;
   s.g.head<6>() *= at.gain;
@@ -83,7 +83,8 @@ LmIteration::System LmIteration::system(const NormalSums& sums, const Point& at,
 
 bool LmIteration::judge(const NormalSums& sums) {
   if (problem_.options->damping == Damping::adaptive && has_accepted_) {
-    // Pixels that left the image must not count as progress: costs are compared as means, on the accepted point's weight.
+    // Costs are compared as means, times the weight of the accepted point, so that pixels leaving the image do not look like
+    // progress.
     const System now = system(sums, point_, variance_);
     const double share = sums.weight() > 0 ? sums_.weight() / sums.weight() : 1e30;
     const double objective = now.objective + sums.cost * (share - 1);
@@ -107,7 +108,7 @@ bool LmIteration::judge(const NormalSums& sums) {
 }
 
 void LmIteration::propose() {
-  // Scaled to a unit diagonal, so that pivots can be compared with rounding whatever the units of scene and image.
+  // Scaled to a unit diagonal, so that the test of pivots does not depend on the units of scene and image.
   const Vector8d diagonal = accepted_system_.H.diagonal();
   const Vector8d d = diagonal.cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   Matrix8d A = d.asDiagonal() * accepted_system_.H * d.asDiagonal();

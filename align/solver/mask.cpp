@@ -12,7 +12,7 @@ std::vector<float> sparse_mask(const Features& features, std::span<const Feature
   const int n = features.size();
   const int width = camera.width >> level, height = camera.height >> level;
   const auto scale = static_cast<float>(std::ldexp(1.0, -level));
-  // Owner of each pixel of the level so far. Single precision on purpose: the device decides ties with the same arithmetic.
+  // The present owner of each pixel of the level. Single precision, so that ties are decided as on the device.
   std::vector<int> owner(static_cast<size_t>(width) * height, -1);
   std::vector<float> distance(owner.size());
   const auto centre = [&](int i) {
@@ -34,7 +34,7 @@ std::vector<float> sparse_mask(const Features& features, std::span<const Feature
     if (checks[i] != FeatureCheck::ok) continue;
     for_each_pixel(i, [&](size_t pixel, int, float du, float dv) {
       const float d = du * du + dv * dv;
-      if (owner[pixel] < 0 || d < distance[pixel]) {  // strictly nearer: on a tie the lower index stays
+      if (owner[pixel] < 0 || d < distance[pixel]) {  // strictly nearer; for ties the lower index stays
         owner[pixel] = i;
         distance[pixel] = d;
       }

@@ -25,7 +25,7 @@ NormalSums::Moments NormalSums::moments(const Point& at) const {
 bool NormalSums::textured(const Point& at) const {
   if (!(weight() > 0)) return false;
   const Moments m = moments(at);
-  // What may be the rounding of a device's sums is no texture: under a spread of 1/1000 for grey values about 1/2.
+  // A spread that may be rounding of a device's sums is not texture: below 1/1000 for grey values around 1/2.
   return m.v0 > ICLK_LEAST_SPREAD * m.m0 && m.v1 > ICLK_LEAST_SPREAD * m.m1;
 }
 

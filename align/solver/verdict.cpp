@@ -22,7 +22,7 @@ std::string format(const char* text, A... values) {
 
 // Information about the pose in units of the residual's variance, gain and bias marginalised out.
 struct Evidence {
-  Matrix6d H;          // as the iterations saw it
+  Matrix6d H;          // with the prior
   Matrix6d image;      // without the prior
   Matrix6d confirmed;  // the part of H that is in both images
   Matrix6d cross;      // of the gradients of both images
@@ -33,14 +33,14 @@ Evidence evidence_of(const Ending& ending, const Matrix6d& H, double variance) {
   const double a = ending.point.gain;
   const Matrix6d own = a * a * ending.sums.H.topLeftCorner<6, 6>();
   Evidence e{H, H, H - own + a * ending.agreement.cross, a * ending.agreement.cross, 0.5 * (own + ending.agreement.target)};
-  if (ending.prior) {  // what a prior holds needs no image
+  if (ending.prior) {  // a prior needs no confirmation by images
     const Matrix6d prior = variance * prior_information(*ending.prior, ending.point.T_10);
     for (Matrix6d* m : {&e.H, &e.confirmed, &e.cross, &e.both}) *m += prior;
   }
   return e;
 }
 
-// Least of x^T A x / x^T B x; NaN where B is not positive definite.
+// The least value of x^T A x / x^T B x; NaN if B is not positive definite.
 double least_ratio(const Matrix6d& A, const Matrix6d& B) {
   const Eigen::LLT<Matrix6d> llt(B);
   if (llt.info() != Eigen::Success) return std::numeric_limits<double>::quiet_NaN();

@@ -46,7 +46,7 @@ std::optional<Barrier> HazardTracker::before(Stage stage, std::span<const Use> u
     first_ = false;
   } else if (write_sources | read_sources) {
     const auto sources = static_cast<uint8_t>(write_sources | read_sources);
-    const bool writes = write_sources != 0;  // a write after a read needs an order, but nothing made visible
+    const bool writes = write_sources != 0;  // a write after a read needs an execution dependency only
     barrier = Barrier{stage_flags(sources), stage_flags(at), writes ? write_access(sources) : 0, writes ? all_access(at) : 0};
     settle(sources, writes, at);
   }
@@ -57,7 +57,7 @@ std::optional<Barrier> HazardTracker::before(Stage stage, std::span<const Use> u
     for (int i = 0; i < 2; ++i)
       if (at >> i & 1) state.read_before[i] = 0;
   }
-  for (const Use& use : uses)  // after the reads: a buffer that one command reads and writes is written
+  for (const Use& use : uses)  // after the reads, because a buffer that one command reads and writes counts as written
     if (use.write) states_[use.resource] = {at, 0, 0, {}};
   return barrier;
 }

@@ -10,19 +10,19 @@
 namespace iclk::engine {
 namespace {
 
-/// Where there are no more threads, who waits does the work.
+/// If no more threads can be started, the waiting thread does the work.
 constexpr auto kThreads = std::launch::async | std::launch::deferred;
 
 std::string who_of(const KernelDescription& d) { return std::string("kernel '") + d.name + "': "; }
 
-/// As the context reads: texel buffers, or storage buffers in their place.
+/// Selects the build of the shader for the context: with texel buffers or with storage buffers.
 KernelDescription suited(const Context& context, KernelDescription d) {
   if (!context.storage_reads()) return d;
   if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::image_read) > 0)
     throw Error(ErrorCode::unsupported,
                 who_of(d) + "reads storage texel buffers, for which those of " + context.info().name + " are too small");
   if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read) == 0) return d;
-  // The same words twice: what it was built from reads texel buffers either way.
+  // If both builds are equal, the storage build reads texel buffers too.
   if (d.spirv.storage.empty() || std::ranges::equal(d.spirv.storage, d.spirv.texels))
     throw Error(ErrorCode::unsupported,
                 who_of(d) + "has no build for " + context.info().name + ", whose texel buffers are too small");
@@ -99,7 +99,7 @@ std::span<const BindingKind> Kernel::bindings() const { return state_->descripti
 uint32_t Kernel::push_constant_bytes() const { return state_->description.push_constant_bytes; }
 
 void KernelBatch::make() {
-  // None is compiled where one cannot be had.
+  // Check all of them before any is compiled.
   for (const auto& each : wanted_) check_description(*context_, suited(*context_, each.second));
   std::vector<std::pair<Kernel*, std::future<Kernel>>> made;
   for (const auto& each : wanted_)

@@ -13,12 +13,12 @@ VkDeviceSize rounded(VkDeviceSize bytes) { return (bytes + 15) / 16 * 16; }
 
 bool has_view(BufferUse use) { return has(use, BufferUse::texel | BufferUse::image); }
 
-/// Of a buffer as this context reads it.
+/// The use of a buffer in this context: texel becomes storage if storage_reads().
 BufferUse use_on(const Context& context, BufferUse use) {
   return has_view(use) && context.storage_reads() ? BufferUse::storage : use;
 }
 
-/// Limits of the device that a single buffer may break.
+/// Checks the limits of the device for a single buffer.
 void check_limits(const Context& context, const BufferDescription& buffer, BufferUse use) {
   const VkPhysicalDeviceLimits& limits = context.limits();
   const VkDeviceSize bytes = rounded(buffer.bytes);
@@ -45,7 +45,7 @@ void check_limits(const Context& context, const BufferDescription& buffer, Buffe
 }
 
 VkBuffer create_buffer(const Context& context, const BufferDescription& buffer) {
-  // No heap has more, and below this no sum overflows.
+  // No heap is larger, and smaller sizes cannot overflow sums.
   if (buffer.bytes > VkDeviceSize{1} << 48)
     throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + bytes_in_words(buffer.bytes) +
                                             ", more than any device has; plan smaller images or fewer pairs at a time");
@@ -72,7 +72,7 @@ VkMemoryRequirements requirements_of(const Context& context, VkBuffer buffer) {
   return needs;
 }
 
-/// The buffers to be made: tables as device memory, followed at the end by their twins where there are any.
+/// The buffers to make: tables are device memory; their twins, if any, are at the end.
 struct Made {
   Made(const Context& context, const MemoryPlan& plan) : buffers(plan.buffers()) {
     for (size_t i = 0; i < plan.buffers().size(); ++i) {
@@ -84,7 +84,7 @@ struct Made {
     }
   }
   std::vector<BufferDescription> buffers;
-  std::vector<size_t> tables;  // those with a twin, in the order of the twins
+  std::vector<size_t> tables;  // the tables with twins, in the order of the twins
 };
 
 MemoryLayout layout_of(const Context& context, const Made& made, const std::vector<VkMemoryRequirements>& needs) {
@@ -142,7 +142,7 @@ Workspace::Workspace(std::shared_ptr<const Context> context, const MemoryPlan& p
     for (const Chunk& chunk : layout.chunks) {
       const VkMemoryPropertyFlags flags = context_->memory_properties().memoryTypes[chunk.memory_type].propertyFlags;
       constexpr VkMemoryPropertyFlags mappable = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-      // A device that is not unified keeps its memory unmapped, so that code cannot come to rely on one vendor's window.
+      // Other devices' memory stays unmapped, so that code cannot depend on the mappable memory of some vendors.
       const bool map = (flags & mappable) == mappable && (chunk.kind != MemoryKind::device || context_->unified_memory());
       memory_.push_back(context_->allocate({{chunk.bytes, chunk.alignment, 1u << chunk.memory_type}, flags, map},
                                            bytes_in_words(chunk.bytes) + " of " + name(chunk.kind) + " memory, " +

@@ -11,7 +11,7 @@ namespace {
 constexpr VkMemoryPropertyFlags local = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
 constexpr VkMemoryPropertyFlags visible = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
 constexpr VkMemoryPropertyFlags cached = VK_MEMORY_PROPERTY_HOST_CACHED_BIT;
-// Types whose memory behaves in ways that nobody asked for here.
+// Properties of memory types that are never used here.
 constexpr VkMemoryPropertyFlags special = VK_MEMORY_PROPERTY_LAZILY_ALLOCATED_BIT | VK_MEMORY_PROPERTY_PROTECTED_BIT |
                                           VK_MEMORY_PROPERTY_DEVICE_COHERENT_BIT_AMD |
                                           VK_MEMORY_PROPERTY_DEVICE_UNCACHED_BIT_AMD;
@@ -20,18 +20,18 @@ struct Wish {
   VkMemoryPropertyFlags with, without;
 };
 
-/// Best first; the last wish of each kind is met by every conforming device.
+/// Best first. Every conforming device has the last one of each kind.
 std::vector<Wish> wishes(MemoryKind kind, bool unified) {
   switch (kind) {
     case MemoryKind::device:
-      // What the host reads from memory that is not cached it reads slowly.
+      // Cached first: the host reads other memory slowly.
       if (unified) return {{local | visible | cached, 0}, {local | visible, 0}, {local, 0}};
       return {{local, VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT}, {local, 0}};
     case MemoryKind::upload:
-      // The small host-visible window of a discrete GPU's own memory is left to those who need it.
+      // Not local first: the small host-visible part of a discrete GPU's memory is left to others.
       return {{visible, local | cached}, {visible, cached}, {visible, local}, {visible, 0}};
     case MemoryKind::readback: return {{visible | cached, local}, {visible | cached, 0}, {visible, 0}};
-    case MemoryKind::table: break;  // a Workspace makes buffers of the other kinds of it
+    case MemoryKind::table: break;  // a Workspace replaces it by buffers of the other kinds
   }
   return {};
 }
@@ -88,7 +88,7 @@ MemoryLayout place_buffers(const std::vector<BufferDescription>& buffers, const 
     if (type < 0)
       throw Error(ErrorCode::unsupported,
                   "the device has no memory type for buffer '" + buffer.name + "' (" + name(buffer.kind) + ")");
-    // The newest chunk of that kind and type takes it, or a new one is begun.
+    // The buffer goes into the newest chunk of its kind and type, or into a new one.
     size_t c = layout.chunks.size();
     while (c-- > 0)
       if (layout.chunks[c].kind == buffer.kind && layout.chunks[c].memory_type == static_cast<uint32_t>(type)) break;

@@ -14,7 +14,7 @@ void destroy_one(const DeviceFunctions& vk, VkDevice device, const Pipeline& mad
   if (made.set_layout) vk.DestroyDescriptorSetLayout(device, made.set_layout, nullptr);
 }
 
-// Leaves in `made` what there is of it when it throws.
+// If it throws, `made` has the objects made so far.
 void make(const Context& context, const KernelDescription& description, Pipeline& made) {
   const DeviceFunctions& vk = context.vk();
   const VkDevice device = context.device();
@@ -49,7 +49,7 @@ void make(const Context& context, const KernelDescription& description, Pipeline
   info.stage = {VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO, nullptr, 0, VK_SHADER_STAGE_COMPUTE_BIT, module, "main",
                 entries.empty() ? nullptr : &specialization};
   info.layout = made.layout;
-  // Recorder::dispatch() may have to begin in the middle of a grid.
+  // Recorder::dispatch() may split a dispatch, which then begins in the middle of the grid.
   if (std::isfinite(context.longest_submission())) info.flags = VK_PIPELINE_CREATE_DISPATCH_BASE;
   const VkResult result = vk.CreateComputePipelines(device, context.pipeline_cache(), 1, &info, nullptr, &made.pipeline);
   vk.DestroyShaderModule(device, module, nullptr);

@@ -71,7 +71,8 @@ void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buf
   if (compile_only_) return dispatch_groups(kernel, set, push, {0, 0, 0}, {0, 0, 0});
   ++dispatches_;
   if (!submission_) return dispatch_groups(kernel, set, push, {0, 0, 0}, groups);
-  // Kernels see how many workgroups there are on the inner axes: the outermost one is cut, by which none of them multiplies.
+  // Kernels read the number of workgroups on the inner axes. Therefore the outermost axis is split, whose number they never
+  // use.
   uint32_t Groups::*const axis = groups.z > 1 ? &Groups::z : groups.y > 1 ? &Groups::y : &Groups::x;
   const uint64_t slice = static_cast<uint64_t>(groups.x) * groups.y * groups.z / (groups.*axis);
   for (Groups first{0, 0, 0}, count = groups; first.*axis < groups.*axis; first.*axis += count.*axis) {
@@ -180,7 +181,7 @@ void Recorder::copy_image_to_buffer(const ForeignImage& image, const Buffer& des
   const bool foreign = image.queue_family != ignored && image.queue_family != context_.queue_family();
   const bool readable = image.layout == VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
   constexpr VkImageLayout reading = VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL;
-  // Ownership and layout change in two steps, so that the application's half names no layout but its own.
+  // Ownership and layout change in two steps, so that the barriers of the application need only its own layout.
   if (foreign) place(device, device, 0, any_access, image.layout, image.layout, image.queue_family, context_.queue_family());
   place(device, transfer, write_access, VK_ACCESS_TRANSFER_READ_BIT, image.layout, reading, ignored, ignored);
   const VkBufferImageCopy region{offset,    static_cast<uint32_t>(row),    0, {VK_IMAGE_ASPECT_COLOR_BIT, 0, 0, 1},

@@ -81,7 +81,7 @@ Instance::Instance(bool validation, std::function<void(MessageSeverity, const st
   info.pApplicationInfo = &application;
 
   std::vector<const char*> extensions;
-  // Loaders show MoltenVK and its like only to those who say that they know what these lack: nothing that compute needs.
+  // Loaders list portability drivers such as MoltenVK only with this extension. Compute needs nothing that they lack.
   if (has_extension(get, VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME)) {
     extensions.push_back(VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME);
     info.flags |= VK_INSTANCE_CREATE_ENUMERATE_PORTABILITY_BIT_KHR;
@@ -98,7 +98,7 @@ Instance::Instance(bool validation, std::function<void(MessageSeverity, const st
     validation_ = std::make_unique<Validation>();
     validation_->on_message = std::move(on_message);
     messenger = messenger_info(validation_.get());
-    features.pNext = &messenger;  // hears what happens while the instance is created and destroyed
+    features.pNext = &messenger;  // for messages while the instance is created and destroyed
     info.pNext = &features;
     info.enabledLayerCount = 1;
     info.ppEnabledLayerNames = &validation_layer;
@@ -140,7 +140,7 @@ Instance::~Instance() {
 std::vector<VkPhysicalDevice> Instance::physical_devices() const {
   uint32_t count = 0;
   VkResult result = functions_.EnumeratePhysicalDevices(handle_, &count, nullptr);
-  // Loaders report a driver that finds no hardware in this way.
+  // Loaders return this for a driver without hardware.
   if (result == VK_ERROR_INITIALIZATION_FAILED) return {};
   check(result, "vkEnumeratePhysicalDevices");
   std::vector<VkPhysicalDevice> devices(count);
@@ -162,7 +162,7 @@ DeviceCapabilities capabilities_of(const InstanceFunctions& vk, VkPhysicalDevice
   result.queue_families.resize(count);
   vk.GetPhysicalDeviceQueueFamilyProperties(device, &count, result.queue_families.data());
 
-  // A device that cannot even list its extensions has none; the others go on.
+  // A device that cannot list its extensions is treated as having none; other devices are still usable.
   std::vector<VkExtensionProperties> extensions;
   if (vk.EnumerateDeviceExtensionProperties(device, nullptr, &count, nullptr) == VK_SUCCESS) {
     extensions.resize(count);

@@ -14,7 +14,7 @@
 namespace iclk::engine {
 namespace {
 
-/// The loader's names, MoltenVK itself last, which needs none.
+/// The names of the loader. MoltenVK, which works without a loader, is last.
 #if defined(_WIN32)
 constexpr const char* names[] = {"vulkan-1.dll"};
 #elif defined(__APPLE__)
