@@ -45,7 +45,7 @@ DepthBuffers::DepthBuffers(const DepthPlan& p, int rows, engine::MemoryPlan& mem
   const auto images = static_cast<uint64_t>(p.views) + 1;
   const uint64_t bytes = static_cast<uint64_t>(p.width) * static_cast<uint64_t>(rows) * static_cast<uint64_t>(p.planes);
   const auto texels = BufferUse::storage | BufferUse::texel;
-  // Every device reads texel buffers of all four formats.
+  // Every device supports texel buffers of all four formats.
   constexpr VkFormat real = VK_FORMAT_R32_SFLOAT, four = VK_FORMAT_R32G32B32A32_SFLOAT, word = VK_FORMAT_R32_UINT,
                      quad = VK_FORMAT_R32G32B32A32_UINT;
   views = memory.add("depth views", sizeof(shaders::DepthViews), MemoryKind::table, BufferUse::uniform);

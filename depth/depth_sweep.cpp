@@ -36,13 +36,13 @@ using internal::DepthBuffers;
 using internal::DepthStrips;
 
 constexpr uint32_t kGroup = 64;
-// A path is an invocation: small groups, so that few paths still fill many cores.
+// One invocation per path. Small groups, so that few paths still occupy many cores.
 constexpr uint32_t kPathGroup = 32;
 constexpr int kWays[ICLK_DEPTH_PATHS][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "depth: " + why); }
 
-/// `middle` is the inverse depth of the plane by which a view's pixels go back to the reference.
+/// `middle` is the inverse depth of the plane on which the view's pixels are mapped back to the reference.
 shaders::DepthView view_of(const Camera& reference, const DepthSource& source, double middle) {
   Eigen::Matrix3d K_1, K_0_inverse;
   const Camera& c = source.camera;
@@ -51,7 +51,7 @@ shaders::DepthView view_of(const Camera& reference, const DepthSource& source, d
   const Eigen::Matrix3f H = (K_1 * source.T_10.R * K_0_inverse).cast<float>();
   const Eigen::Vector3f e = (K_1 * source.T_10.t).cast<float>();
   const auto row = [&](int i) { return shaders::vec4{H(i, 0), H(i, 1), H(i, 2), e(i)}; };
-  // A view beyond the plane would see its back, and from the plane itself nothing goes back.
+  // A view beyond the plane would see its back; from a view in the plane nothing can be mapped back.
   const double ahead = -(source.T_10.R.transpose() * source.T_10.t).z(), w = ahead * middle > 0.5 ? 0.5 / ahead : middle;
   const Eigen::Matrix3d plane = source.T_10.R + w * source.T_10.t * Eigen::RowVector3d::UnitZ();
   const Eigen::Matrix3f back = (K_1 * plane * K_0_inverse).inverse().cast<float>();
@@ -146,7 +146,7 @@ struct DepthSweep::Impl {
     }
   }
 
-  /// Costs to winners of the rows from `row` on.
+  /// Records all steps from costs to winners, for the rows from `row` on.
   void record_strip(engine::Recorder& recorder, shaders::DepthPush push, int row) {
     const auto& m = memory;
     const int end = std::min(row + strips.answered, plan.height), above = std::max(row - DepthStrips::kOverlap, 0);
@@ -252,7 +252,7 @@ struct DepthSweep::Impl {
     return map;
   }
 
-  /// Share of the reference's pixels that a view sees, in the mean over the planes: of a grid of them.
+  /// The share of the reference's pixels that a view sees, averaged over the planes, on a grid of pixels.
   double seen_by(const shaders::DepthViews& views, const shaders::DepthPush& push) const {
     constexpr int kGrid = 16;
     int seen = 0;
@@ -270,7 +270,7 @@ struct DepthSweep::Impl {
     return static_cast<double>(seen) / (kGrid * kGrid * kGrid);
   }
 
-  /// Copies a buffer of the device to the host, with memory of its own.
+  /// Copies a buffer of the device to the host, through temporary memory.
   template <class T>
   std::vector<T> read(BufferId id, size_t bytes) const {
     engine::MemoryPlan plan_of_one;

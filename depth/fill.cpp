@@ -10,7 +10,7 @@ void fill(DepthMap& map) {
   constexpr int kWays[8][2] = {{1, 0}, {-1, 0}, {0, 1}, {0, -1}, {1, 1}, {-1, 1}, {1, -1}, {-1, -1}};
   const Map given = map.inverse_depth;
   const int width = given.width, height = given.height;
-  // One way after the other: what the last pixel on the way saw, the next one sees too.
+  // One direction after the other: each pixel takes over the value of the previous one.
   std::array<std::vector<float>, 2> least;
   for (auto& list : least) list.assign(given.data.size(), 0.0f);
   std::vector<float> seen(given.data.size());

@@ -8,17 +8,18 @@
 namespace iclk {
 namespace {
 
-// Mean over what the views see. Right inputs have 0.14 to 0.6, 78 of 84 wrong ones less than this (docs/results/depth.md).
+// The mean confidence of the pixels that the views see. Right inputs have 0.14 to 0.6, 78 of 84 wrong ones less than this limit
+// (docs/results/depth.md).
 constexpr double kLeastConfidence = 0.1;
 constexpr double kLeastSeen = 0.05;
 constexpr double kLeastAgreeing = 0.5;
 constexpr int kLeastCompared = 8;
-// Of a sparse depth's own error.
+// The relative error of a sparse depth.
 constexpr double kRelative = 0.05;
 
 std::string percent(double share) { return std::to_string(std::lround(100 * share)) + " %"; }
 
-// What the map says around a sparse depth.
+// The map around a sparse depth.
 struct Around {
   int answers = 0, near = 0;
   bool agrees() const { return 3 * near >= answers; }
@@ -30,7 +31,7 @@ Around around(const DepthMap& map, const Eigen::Vector2d& uv, double w, double t
   const int u = static_cast<int>(std::lround(uv.x())), v = static_cast<int>(std::lround(uv.y()));
   for (int b = -kRadius; b <= kRadius; ++b)
     for (int a = -kRadius; a <= kRadius; ++a) {
-      // Where it is a prior, paths carry it along its row, its column and its diagonals.
+      // If it is a prior, paths spread it along its row, its column and its diagonals.
       if (a == 0 || b == 0 || std::abs(a) == std::abs(b)) continue;
       const int x = u + a, y = v + b;
       if (x < 0 || y < 0 || x >= map.inverse_depth.width || y >= map.inverse_depth.height) continue;

@@ -11,7 +11,7 @@
 namespace iclk {
 namespace {
 
-/// An alignment that nothing was done to.
+/// The result for an alignment without refinement.
 RefinedAlignment unrefined(const Reference& reference, Alignment alignment, double ms) {
   RefinedAlignment r;
   r.T_10 = alignment.T_10;
@@ -93,7 +93,7 @@ std::vector<FeatureCheck> Cascade::set_reference(int slot, const Reference& refe
   const internal::Stopwatch time;
   Running& first = running_.front();
   const auto at = static_cast<size_t>(slot);
-  // Whatever throws on the way, the keyframe that was there is prepared again from its copy.
+  // If this throws, the old keyframe is prepared again from its copy.
   if (slot >= 0 && at < first.prepared.size()) first.prepared[at] = 0;
   std::vector<FeatureCheck> checks = first.aligner->set_reference(slot, reference);
   Keyframe keyframe;
@@ -115,7 +115,7 @@ const Reference* Cascade::reference(int slot) const {
 }
 
 std::vector<RefinedAlignment> Cascade::align(std::span<const CascadePair> pairs) {
-  // Views of the caller's pixels, which go with this call.
+  // Views of the caller's pixels, valid during this call only.
   keyframes_.assign(pairs.size(), {});
   std::vector<Pair> work;
   for (size_t i = 0; i < pairs.size(); ++i) {
@@ -147,7 +147,7 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
   const std::vector<double> whole = q;
   int fixed = 0;
   for (size_t i = 0; i < q.size(); ++i)
-    if (result.fixed[i]) q[i] = 0, ++fixed;  // such a feature takes no part
+    if (result.fixed[i]) q[i] = 0, ++fixed;  // such a feature is not used
   keyframe.version = ++versions_;
   RefinedAlignment other = settle({&pair, 1}).front();
   q = whole;

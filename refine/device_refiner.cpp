@@ -25,7 +25,7 @@ SE3 unpack_pose(const float* m) {
   return T;
 }
 
-/// What speaks against a pose, as weigh() and doubt_stillness() of refine/internal/rivals.h say it.
+/// Sets the doubts about a pose, with the texts of weigh() and doubt_stillness() of refine/internal/rivals.h.
 void doubt(const shaders::RefinedInfo& info, const Features& features, const Camera& camera, const RefinerOptions& options,
            RefinedAlignment& r) {
   for (uint32_t k = 0; k < info.rival_count; ++k)
@@ -76,9 +76,9 @@ RefinedAlignment unpack(const shaders::RefinedInfo& info, const shaders::Aligned
   if (r.refined) {
     r.T_10 = unpack_pose(info.pose);
     if (const Eigen::Vector3f turn(info.turn[0], info.turn[1], info.turn[2]); !turn.isZero(0)) r.turn = turn.cast<double>();
-  } else if (usable(r.status) || r.status == Status::ambiguous) {  // ICLK's own stands
+  } else if (usable(r.status) || r.status == Status::ambiguous) {  // the result is that of ICLK
     r.reason = r.iclk.reason + "; not refined: " + r.reason;
-    r.features.clear();  // what was found is not where the pose puts it
+    r.features.clear();  // the found positions contradict the pose
   }
   r.stages.push_back({"pose", r.T_10, 0, 0});
   if (r.status == Status::ambiguous) doubt(info, features, camera, options, r);
@@ -100,7 +100,7 @@ class DeviceRecording : public DeviceRefiner::Recording {
     rivals.emplace(aligner, max_pairs, matching->layout());
   }
 
-  /// Of the poses that rival answers.
+  /// Data of the poses that rival answers.
   struct Rivals {
     Rivals(const DeviceAligner& aligner, int max_pairs, const internal::MatchLayout& layout)
         : found_ids(max_pairs, layout),
@@ -136,10 +136,10 @@ class DeviceRecording : public DeviceRefiner::Recording {
   internal::PoseBuffers ids;
   engine::Workspace memory;
   engine::DescriptorArena arena;
-  std::optional<Rivals> rivals;  // where the aligner matches
+  std::optional<Rivals> rivals;  // if the aligner has a search by matching
   std::vector<Features> given;   // of each pair's reference when it was recorded
   std::vector<Camera> cameras;
-  std::vector<bool> chosen;  // by the device: features are not known before it has run
+  std::vector<bool> chosen;  // by the device: the features are known after it has run
   std::vector<bool> searched;
 };
 
@@ -173,12 +173,12 @@ struct DeviceRefiner::Impl {
     return options;
   }
 
-  /// What the host says of pair `index`: its features, in their place, and where they begin.
+  /// Writes pair `index` and its features.
   void pack(DeviceRecording& r, const DevicePair& pair, uint32_t index, uint32_t pairs) const {
     const Features& list = aligner.features(pair.reference);
     const bool chosen = internal::DeviceParts::chosen_features(aligner, pair.reference) > 0;
     const float unit = chosen ? 0.0f : static_cast<float>(internal::unit_of(list));
-    const bool asks = rivals && pair.search && !pair.prior;  // a guess decides
+    const bool asks = rivals && pair.search && !pair.prior;  // a first guess excludes rivals
     const auto write = [&](const internal::PoseBuffers& ids, const engine::Workspace& memory, uint32_t at) {
       const uint32_t first = at * static_cast<uint32_t>(r.max_features);
       const std::vector<FeatureCheck>& checks = aligner.checks(pair.reference);
@@ -200,7 +200,7 @@ struct DeviceRefiner::Impl {
     return chosen > 0 ? chosen : static_cast<uint32_t>(aligner.checks(pair.reference).size());
   }
 
-  /// The rounds that begin at `starts` (shaders::ResultInfo).
+  /// Records the rounds that start at `starts` (shaders::ResultInfo).
   void refine(engine::Recorder& recorder, const internal::DeviceMaps& maps, const internal::PoseBuffers& ids,
               const engine::Workspace& memory, const engine::Buffer& starts, uint32_t pairs, uint32_t features) const {
     const auto push = internal::feature_alignment_push(options.feature_alignment, maps);
@@ -221,7 +221,7 @@ struct DeviceRefiner::Impl {
   engine::Kernel feature_alignment;
   internal::DevicePose pose;
   std::unique_ptr<internal::GreyMaps> grey;
-  std::unique_ptr<internal::DeviceRivals> rivals;  // where the aligner matches
+  std::unique_ptr<internal::DeviceRivals> rivals;  // if the aligner has a search by matching
   engine::ArenaSize arena_size;
 };
 
@@ -236,7 +236,7 @@ std::unique_ptr<DeviceRefiner::Recording> DeviceRefiner::make_recording(int max_
 
 namespace {
 
-/// What Impl::pack() has written of poses of `pairs` pairs, and features that the device has chosen.
+/// Records the upload of the data of Impl::pack() for `pairs` pairs, and of features that the device has chosen.
 void upload_pairs(engine::Recorder& recorder, const DeviceRecording& r, const internal::PoseBuffers& ids,
                   const engine::Workspace& memory, uint32_t pairs, uint32_t poses) {
   const VkDeviceSize bytes = sizeof(shaders::FeatureInfo) * r.max_features;

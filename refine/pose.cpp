@@ -16,7 +16,7 @@
 namespace iclk {
 namespace {
 
-/// The inverse of H, by H scaled to a unit diagonal, so that units of rho and phi drop out.
+/// The inverse of H, computed from H scaled to a unit diagonal, which removes the units of rho and phi.
 struct Inverse {
   explicit Inverse(const Matrix6d& H) {
     const Vector6d d = H.diagonal();
@@ -54,10 +54,9 @@ Eigen::Matrix<double, 2, 6> reprojection_jacobian(const Camera& camera, const SE
 
 namespace {
 
-/// The residuals of the observations, which must outlive it, as a function of a step [rho, phi] from T_0 to
-/// T_0 [exp(phi^), rho]. ceres::TinySolver knows no loss function, so residuals and their Jacobian are multiplied by the root
-/// of their weight, as Ceres does for a loss that is concave; a last residual without a Jacobian adds what the squares then
-/// lack of the loss.
+/// The residuals of the observations, which must outlive it, as a function of a step [rho, phi] from T_0 to T_0 [exp(phi^),
+/// rho]. ceres::TinySolver has no loss functions. Therefore residuals and Jacobian are multiplied by the root of their weight,
+/// as Ceres does for concave losses. A last residual without a Jacobian adds the difference between the loss and the squares.
 class CauchyReprojection {
  public:
   using Scalar = double;
@@ -83,7 +82,7 @@ class CauchyReprojection {
     for (size_t i = 0; i < used_.size(); ++i) {
       const internal::Observation& o = used_[i];
       const Eigen::Vector3d p = T.R * rays_[i] + o.q * T.t;
-      if (!(p.z() > internal::kMinDepth)) {  // no step leads there
+      if (!(p.z() > internal::kMinDepth)) {  // such steps are rejected
         r.setConstant(std::numeric_limits<double>::infinity());
         return false;
       }
@@ -128,12 +127,12 @@ struct Solution {
 Solution solve(const Camera& camera, std::span<const internal::Observation> used, const SE3& T_10, double scale,
                int iterations) {
   const CauchyReprojection residuals(camera, used, T_10, scale);
-  ceres::TinySolver<CauchyReprojection> solver{};  // GCC 14 warns of its cost, which a first residual that failed would leave
+  ceres::TinySolver<CauchyReprojection> solver{};  // {}: GCC 14 warns that a failing first residual would leave its cost unset
   Eigen::VectorXd first(residuals.NumResiduals());
   Vector6d step = Vector6d::Zero();
   Solution s{T_10, {.message = "a feature lies behind the camera"}};
   if (!residuals(step.data(), first.data(), nullptr)) return s;
-  solver.options.max_num_iterations = iterations + 1;  // the last of them takes no step
+  solver.options.max_num_iterations = iterations + 1;  // the last one takes no step
   solver.options.parameter_tolerance = 1e-9;
   solver.options.function_tolerance = 1e-8 * first.squaredNorm();
   solver.Solve(residuals, &step);
@@ -148,10 +147,10 @@ Solution solve(const Camera& camera, std::span<const internal::Observation> used
 
 constexpr double kSharp = ICLK_SHARP, kClearlyBetter = ICLK_CLEARLY_BETTER;
 
-/// The pose of the least cost among those that three features each explain exactly: where many depths are wrong, a descent from
-/// the pose that all features agreed on ends between the right ones and the wrong ones.
+/// The pose with the least cost among poses from three features each. If many depths are wrong, a descent from the pose of all
+/// features ends between the right ones and the wrong ones.
 std::optional<SE3> consensus(const Camera& camera, std::span<const internal::Observation> used, double scale) {
-  constexpr uint32_t kHypotheses = 64;  // with 40 % of the features wrong, 13 are of right ones alone
+  constexpr uint32_t kHypotheses = 64;  // with 40 % wrong features, 13 of them use only right ones
   const auto count = static_cast<uint32_t>(used.size());
   std::optional<SE3> best;
   double least = std::numeric_limits<double>::infinity();
@@ -185,8 +184,8 @@ PoseResult refine_unit_pose(const Camera& camera, const Features& features, std:
     return result;
   }
 
-  // The scale needs no continuation: from 100 px off with 45 % outliers the wanted scale alone comes home as often, in half the
-  // steps.
+  // The scale needs no continuation: from 100 px off and with 45 % outliers, the final scale alone converges as often, in half
+  // the steps.
   Solution first = solve(camera, used, T_10, scale, options.iterations);
   if (const std::optional<SE3> T = consensus(camera, used, kSharp)) {
     const Solution other = solve(camera, used, *T, kSharp, options.iterations);

@@ -15,7 +15,7 @@ namespace {
 using internal::PoseCandidate;
 using internal::Stopwatch;
 
-constexpr double kWorthARound = 0.2;  // share of the answer's inliers: with fewer a pose gets no further round
+constexpr double kWorthARound = 0.2;  // share of the answer's inliers; a pose with fewer gets no further round
 
 /// An answer, and the poses that may rival it.
 struct Contested {
@@ -24,7 +24,7 @@ struct Contested {
   std::vector<RefinedAlignment> rivals;
 };
 
-/// Claims that no guess has decided.
+/// Converged answers of pairs without a first guess.
 std::vector<Contested> contested(std::span<const Pair> pairs, std::span<const PoseCandidate> candidates) {
   std::vector<Contested> found;
   for (const PoseCandidate& c : candidates)
@@ -32,7 +32,7 @@ std::vector<Contested> contested(std::span<const Pair> pairs, std::span<const Po
   return found;
 }
 
-/// The rivals of all answers, so that they go through their rounds together.
+/// Collects the rivals of all answers, so that their rounds run together.
 std::vector<PoseCandidate> rivals_of(std::vector<Contested>& all) {
   std::vector<PoseCandidate> rivals;
   for (Contested& c : all) {
@@ -48,7 +48,7 @@ std::vector<PoseCandidate> rivals_of(std::vector<Contested>& all) {
   return rivals;
 }
 
-/// What the rivals leave of an answer.
+/// Compares an answer with its rivals.
 void settle(const internal::View& view, const RefinerOptions& options, Contested& c) {
   RefinedAlignment& answer = *c.answer.result;
   answer.refined ? internal::weigh(view, options, c.rivals, answer) : internal::prefer_confirmed(c.rivals, answer);
@@ -132,7 +132,7 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const PoseCandidat
   internal::run_rounds(aligner_, *feature_aligner_, options_, pairs, rivals);
   for (PoseCandidate& rival : rivals) {
     conclude(pairs, rival);
-    if (!rival.result->refined) rival.result->T_10 = rival.pose.T_10;  // weighed all the same
+    if (!rival.result->refined) rival.result->T_10 = rival.pose.T_10;  // compared nevertheless
   }
   for (Contested& c : all) settle(view(c), options_, c);
   const double ms = time.ms() / static_cast<double>(std::max<size_t>(all.size(), 1));

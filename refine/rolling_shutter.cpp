@@ -5,7 +5,7 @@
 namespace iclk {
 namespace {
 
-constexpr int kCell = 16;  // px between a grid's nodes: lenses bend less than a hundredth of a row in between
+constexpr int kCell = 16;  // px between the nodes of a grid: between them, lenses bend rows by less than a hundredth of a row
 
 }  // namespace
 
@@ -21,7 +21,7 @@ RowTimes::RowTimes(const Camera& camera, const std::function<double(const Eigen:
 
 double RowTimes::at(const Eigen::Vector2d& uv) const {
   if (nodes_.empty()) return row_time(camera_, uv.y());
-  // Of NaN, the first pixel.
+  // NaN becomes the first pixel.
   const double x = std::max(0.0, std::min(uv.x(), camera_.width - 1.0)) / kCell;
   const double y = std::max(0.0, std::min(uv.y(), camera_.height - 1.0)) / kCell;
   const auto i = static_cast<size_t>(x), j = static_cast<size_t>(y);

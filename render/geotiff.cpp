@@ -25,10 +25,10 @@ using internal::number;
 namespace {
 
 constexpr int kLargestSide = 1 << 19;
-// What GDAL reads at a time: whole blocks of files that are stored in strips or tiles of up to that many rows.
+// Rows that GDAL reads at a time: whole blocks of files with strips or tiles of up to this many rows.
 constexpr int kRows = 256;
 
-/// GDAL's own messages, for ours; nothing reaches the terminal.
+/// Collects the messages of GDAL for error messages; nothing is printed.
 class Messages {
  public:
   Messages() { CPLPushErrorHandlerEx(&Messages::take, this); }
@@ -70,7 +70,7 @@ Dataset open(const std::string& path, const Messages& messages) {
 /// The horizontal part of a data set's coordinate system, or null. Throws unless its lengths and its heights are metres.
 System system_of(const std::string& path, GDALDatasetH dataset) {
   const OGRSpatialReferenceH given = GDALGetSpatialRef(dataset);
-  if (given == nullptr) return nullptr;  // a georeference without a name: taken for local metres
+  if (given == nullptr) return nullptr;  // a georeference without a coordinate system: assumed to be local metres
   System system(OSRClone(given));
   const auto check_unit = [&](double metres, const char* unit, const char* of) {
     if (std::abs(metres - 1) > 1e-9)
@@ -96,7 +96,7 @@ System system_of(const std::string& path, GDALDatasetH dataset) {
   return system;
 }
 
-/// Systems that several programs write in several ways are still one.
+/// Whether two coordinate systems are equal, even if programs write them differently.
 bool same(OGRSpatialReferenceH a, OGRSpatialReferenceH b) {
   const char* options[] = {"CRITERION=EQUIVALENT", "IGNORE_DATA_AXIS_TO_SRS_AXIS_MAPPING=YES", "IGNORE_COORDINATE_EPOCH=YES",
                            nullptr};
@@ -108,7 +108,7 @@ Grid grid_of(const std::string& path, GDALDatasetH dataset) {
   double g[6];
   if (GDALGetGeoTransform(dataset, g) != CE_None)
     bad(path, "has no georeference, so its place on the map is unknown: gdal_translate -a_ullr LEFT TOP RIGHT BOTTOM (metres)");
-  // Less than a hundredth of a pixel over the whole raster is rounding of whoever wrote it.
+  // Less than a hundredth of a pixel over the whole raster is rounding by the program that wrote it.
   const bool turned = std::abs(g[2]) * height > 0.01 * std::abs(g[1]) || std::abs(g[4]) * width > 0.01 * std::abs(g[5]);
   if (turned || !(g[1] > 0) || !(g[5] < 0))
     bad(path, "is rotated or mirrored on the map (geotransform " + number(g[1]) + " " + number(g[2]) + " " + number(g[4]) +
@@ -119,11 +119,11 @@ Grid grid_of(const std::string& path, GDALDatasetH dataset) {
   return {width, height, g[0], g[3], g[1], -g[5]};
 }
 
-/// A vector for every pixel of the grid. `bytes`: of a pixel, pyramids included.
+/// A vector with one element per pixel of the grid. `bytes`: per pixel, including pyramids.
 template <typename T>
 std::vector<T> pixels(const std::string& path, const Grid& grid, double bytes) {
   const size_t count = static_cast<size_t>(grid.width) * static_cast<size_t>(grid.height);
-  // Asked beforehand: memory that is promised and not there ends the process.
+  // Checked before allocation: the system ends processes that use more memory than there is.
   const double needed = bytes * static_cast<double>(count);
   const double there = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
   const auto refuse = [&] {
@@ -164,7 +164,7 @@ void read_mosaic(const std::string& path, GDALDatasetH dataset, Terrain& terrain
   terrain.mosaic = grid_of(path, dataset);
   terrain.rgba = pixels<uint32_t>(path, terrain.mosaic, 5.4);
   const Grid& grid = terrain.mosaic;
-  // Without data is what lacks it in every band: with a nodata value per band, a single band may have it as a colour.
+  // A pixel has no data only if all bands lack it: the nodata value of one band may be a colour.
   const bool one_mask = (GDALGetMaskFlags(first) & (GMF_PER_DATASET | GMF_ALL_VALID)) != 0;
   std::vector<uint8_t> mask(static_cast<size_t>(grid.width) * kRows);
   for (int row = 0; row < grid.height; row += kRows) {

@@ -15,7 +15,7 @@ RasterLevel<T> level_of(int width, int height) {
   return {width, height, std::vector<T>(static_cast<size_t>(width) * static_cast<size_t>(height))};
 }
 
-/// The mean of four texels. Halves are rounded up and down in turn, so that a coarse level is no brighter than the finest.
+/// The mean of four texels. Halves are alternately rounded up and down, so that coarse levels are not brighter than the finest.
 uint32_t mean(const uint32_t (&texels)[4], uint32_t round) {
   uint32_t sum[3] = {}, alpha = 0;
   for (const uint32_t p : texels) {

@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 using internal::text_of;
 
 constexpr int kDraws = 5000;
-// Pixels a side of the views by which most unsuitable poses are found out.
+// Pixels per side of the small views that reject most unsuitable poses.
 constexpr int kQuick = 24;
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, why); }
@@ -40,7 +40,7 @@ class PairSource::Random {
 
 namespace {
 
-/// The camera whose pixel centres are kQuick x kQuick of the other's, the outermost among them.
+/// A camera with kQuick x kQuick of the pixel centres of the other, including the outermost ones.
 Camera quick_camera(const Camera& camera) {
   const double x = (kQuick - 1.0) / (camera.width - 1), y = (kQuick - 1.0) / (camera.height - 1);
   return {camera.fx * x, camera.fy * y, camera.cx * x, camera.cy * y, kQuick, kQuick};
@@ -57,8 +57,8 @@ SE3 level_camera(const Vector3d& C, double azimuth, double ahead, double below) 
   return T_WC;
 }
 
-/// (x, y) of the ray through every pixel, NaN where there is none or it is not certain: at the very edge of the lens's domain
-/// the device's single precision may say something else.
+/// (x, y) of the ray through every pixel. NaN where there is none, and at the very edge of the lens's domain, where the single
+/// precision of the device may differ.
 std::vector<Eigen::Vector2d> rays_of(const Camera& camera, const Lens& lens) {
   std::vector<Eigen::Vector2d> rays;
   for (int v = 0; v < camera.height; ++v)
@@ -69,7 +69,7 @@ std::vector<Eigen::Vector2d> rays_of(const Camera& camera, const Lens& lens) {
   return rays;
 }
 
-/// Of the ground that camera 0 sees: how far apart the views show it, px of the undistorted image in the mean.
+/// The mean distance between the positions in both views of the ground that camera 0 sees, px of the undistorted image.
 double mean_motion(const View& view, const std::vector<Eigen::Vector2d>& rays, const Camera& full, const SE3& T_10) {
   double sum = 0;
   int count = 0;

@@ -34,7 +34,7 @@ double noise(double x, double y, uint32_t salt) {
   return low * (1 - b) + high * b;
 }
 
-/// Noise of several scales, about in [0, 1]; each is turned, so that no direction of a grid shows.
+/// Noise of several scales, about in [0, 1]. Each scale is rotated, to hide the directions of the grid.
 double turbulence(double x, double y, double cell, int octaves, double gain, uint32_t salt) {
   double sum = 0, weight = 1, total = 0;
   x /= cell, y /= cell;
@@ -50,10 +50,10 @@ double turbulence(double x, double y, double cell, int octaves, double gain, uin
 double ramp(double x, double from, double to) { return std::clamp((x - from) / (to - from), 0.0, 1.0); }
 Vector3d mix(const Vector3d& a, const Vector3d& b, double t) { return a + std::clamp(t, 0.0, 1.0) * (b - a); }
 
-/// A house in its lot.
+/// A house on its lot.
 struct House {
   bool inside = false;
-  double across = 0, along = 0;  // from the ridge and along it, m
+  double across = 0, along = 0;  // m, across and along the ridge
   double half_width = 0, half_length = 0, wall = 0;
   uint32_t kind = 0;
 };
@@ -76,7 +76,7 @@ class Landscape {
     return options_.relief * (1.6 * (hills - 0.5) + 0.35 * ridge * ridge) + 1.2 * turbulence(x, y, 9, 2, 0.5, salt_ + 30);
   }
 
-  /// Roofs and crowns included.
+  /// The height, including roofs and crowns.
   double surface(double x, double y) const {
     const double h = ground(x, y);
     const House house = house_at(x, y);
@@ -217,7 +217,7 @@ Terrain procedural_terrain(const ProceduralOptions& options) {
   Terrain terrain;
   terrain.mosaic = grid(options.mosaic_step);
   terrain.relief = grid(options.relief_step);
-  // One step beyond the mosaic on every side, so that there is ground under all of it.
+  // One step beyond the mosaic on every side, so that there is ground below all of it.
   terrain.relief.left -= options.relief_step, terrain.relief.top += options.relief_step;
   terrain.relief.width += 2, terrain.relief.height += 2;
 

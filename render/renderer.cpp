@@ -24,9 +24,9 @@ namespace {
 using engine::BufferUse;
 using engine::MemoryKind;
 
-constexpr uint64_t kWindowElements = 1u << 24;  // what every device has (engine::requirements())
+constexpr uint64_t kWindowElements = 1u << 24;  // available on every device (engine::requirements())
 constexpr uint32_t kGroup = 8;                  // local size of render.comp
-constexpr int kSmallestTile = 32;               // px; below, a coarser level of the mosaic is taken
+constexpr int kSmallestTile = 32;               // px; below, a coarser level of the mosaic is used
 constexpr int kLargestSide = 32768;
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "render: " + why); }
@@ -46,7 +46,7 @@ static_assert(static_cast<int>(Distortion::Model::none) == ICLK_LENS_NONE);
 static_assert(static_cast<int>(Distortion::Model::radtan) == ICLK_LENS_RADTAN);
 static_assert(static_cast<int>(Distortion::Model::equidistant) == ICLK_LENS_EQUIDISTANT);
 
-/// Heights, mosaic and the places of their windows on the device, with what fills them.
+/// Heights, mosaic and the positions of their windows on the device, and the staging memory.
 struct DeviceTerrain {
   DeviceTerrain(std::shared_ptr<const engine::Context> c, uint64_t relief_elements, uint64_t mosaic_elements, bool keep_staging)
       : context(std::move(c)) {
@@ -132,7 +132,7 @@ struct TerrainRenderer::Impl {
     return kernel;
   }
 
-  /// All of it on the device, or room for windows.
+  /// Copies the whole terrain to the device, or allocates memory for windows.
   void place() {
     const Windows r = whole(relief), m = whole(mosaic);
     if (relief.size() > ICLK_RENDER_LEVELS || mosaic.size() > ICLK_RENDER_LEVELS || (m.elements | r.elements) >> 38)
@@ -238,7 +238,7 @@ struct TerrainRenderer::Impl {
                       {engine::groups_for(p.tile & 0xffff, kGroup), engine::groups_for(p.tile >> 16, kGroup), 1});
   }
 
-  /// Renders a tile, in halves where its windows do not fit.
+  /// Renders a tile; splits it in halves if its windows do not fit.
   void render_tile(const Camera& camera, const SE3& T_WC, const Lens& lens, const PixelRect& tile) {
     const auto seen = pinhole_box(camera, lens, tile);
     const MapBox box = seen ? footprint(camera, T_WC, *seen, lowest, highest, terrain->relief.centres()) : MapBox();
@@ -338,7 +338,7 @@ struct TerrainRenderer::Impl {
   std::shared_ptr<const Terrain> terrain;
   RenderOptions options;
   mutable std::array<engine::Kernel, 3> kernels;  // by Distortion::Model
-  std::vector<RasterLevel<float>> relief;         // data only where the device does not hold all of it
+  std::vector<RasterLevel<float>> relief;         // with data only if the terrain is not resident
   std::vector<RasterLevel<uint32_t>> mosaic;      // the same
   double lowest = 0, highest = 0;
   bool resident = false;

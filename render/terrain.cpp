@@ -13,7 +13,7 @@ using internal::number;
 
 namespace {
 
-// Neither the deepest sea nor the highest mountain of the Earth: a forgotten nodata value, or feet.
+// Larger than all heights and depths of the Earth: such values are a forgotten nodata value, or feet.
 constexpr double kHighest = 12000;
 
 [[noreturn]] void fail(const std::string& why) { throw Error(ErrorCode::invalid_argument, "terrain: " + why); }

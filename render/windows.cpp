@@ -7,7 +7,7 @@
 namespace iclk {
 namespace {
 
-/// Texels around a window that taps beyond a pixel's own footprint read.
+/// Texels around a window for filter taps outside the footprint of a pixel.
 constexpr int kMargin = 18;
 
 /// Columns (or rows) of level 0 between two coordinates.
@@ -32,12 +32,12 @@ std::optional<PixelBox> pinhole_box(const Camera& camera, const Lens& lens, cons
   if (lens.empty())
     return PixelBox{pixels.x - 0.5, pixels.y - 0.5, pixels.x - 0.5 + pixels.width, pixels.y - 0.5 + pixels.height};
   constexpr double inf = std::numeric_limits<double>::infinity();
-  constexpr double beyond = 0.75;  // of the way to a neighbour; a pixel ends at half of it
+  constexpr double beyond = 0.75;  // of the distance to a neighbour; a pixel ends at half of it
   PixelBox box{inf, inf, -inf, -inf};
   const auto take = [&](const Eigen::Vector2d& at) {
     box = {std::min(box.u0, at.x()), std::min(box.v0, at.y()), std::max(box.u1, at.x()), std::max(box.v1, at.y())};
   };
-  const Eigen::Vector2d none = Eigen::Vector2d::Constant(std::nan(""));  // not seen
+  const Eigen::Vector2d none = Eigen::Vector2d::Constant(std::nan(""));  // outside the domain of the lens
   std::vector<Eigen::Vector2d> above(static_cast<size_t>(pixels.width) + 2, none);
   const auto inside = [&](int u, int v) {
     return u >= pixels.x && v >= pixels.y && u < pixels.x + pixels.width && v < pixels.y + pixels.height;
@@ -66,7 +66,7 @@ std::optional<PixelBox> pinhole_box(const Camera& camera, const Lens& lens, cons
 
 MapBox footprint(const Camera& camera, const SE3& T_WC, const PixelBox& seen, double lowest, double highest,
                  const MapBox& extent) {
-  // No point of the map is deeper than it is far.
+  // The depth of a point is at most its distance.
   const auto farthest = [](double at, double a, double b) { return std::max(std::abs(a - at), std::abs(b - at)); };
   const Eigen::Vector3d& C = T_WC.t;
   const double far = Eigen::Vector3d(farthest(C.x(), extent.left, extent.right), farthest(C.y(), extent.bottom, extent.top),

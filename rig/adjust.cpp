@@ -22,7 +22,7 @@ namespace {
 
 constexpr int kLeast = 8;  // sightings
 
-/// A sighting that takes part, by its index.
+/// A sighting that is used, by its index.
 struct Used {
   size_t index;
   Eigen::Vector3d ray;
@@ -78,7 +78,7 @@ struct Problem {
     return right.project(p) - sightings[u.index].right;
   }
 
-  /// px: 1.4826 times the median distance from the epipolar lines, where depths show nothing.
+  /// 1.4826 times the median distance from the epipolar lines, px; depths do not affect it.
   double across() const {
     std::vector<double> distances;
     for (const Used& u : used) {
@@ -95,11 +95,11 @@ struct Problem {
     return 1.4826 * *middle * std::sqrt(n / std::max(n - 6, 1.0));
   }
 
-  /// Sandwich A^-1 M A^-1, M by features, and how much more M is by pairs. False where A is singular.
+  /// The sandwich A^-1 M A^-1 with M by features, and the factor by which M is larger by pairs. Returns false if A is singular.
   bool covariance(Matrix6d& C, double& inflation) const {
     Matrix6d A = Matrix6d::Zero(), M = Matrix6d::Zero();
     std::map<int, Vector6d> scores;
-    Eigen::Matrix<double, 6, 3> shared = Eigen::Matrix<double, 6, 3>::Zero();  // scores of errors of one deviation in all
+    Eigen::Matrix<double, 6, 3> shared = Eigen::Matrix<double, 6, 3>::Zero();  // scores of shared errors, for one sigma each
     for (const Used& u : used) {
       const Eigen::Vector3d p = point(u);
       if (!(p.z() > internal::kLeastDepth)) continue;
@@ -117,7 +117,7 @@ struct Problem {
       const double qq = w * w * Jq.squaredNorm() + prior;
       const Vector6d Jtq = w * w * J.transpose() * Jq;
       A += w * w * J.transpose() * J;
-      const Vector6d score = w * J.transpose() * r;  // what the inverse depth would add is zero at its own optimum
+      const Vector6d score = w * J.transpose() * r;  // the term of the inverse depth is zero at its optimum
       Eigen::Matrix<double, 2, 3> common;            // whitened residuals: right along u, along v
       common << options.shared_position * u.W, Eigen::Vector2d::Zero();
       Eigen::Vector3d common_prior(0, 0, prior > 0 ? options.shared_depth / s.inverse_depth_sigma : 0);

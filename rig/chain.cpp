@@ -5,7 +5,7 @@
 namespace iclk::internal {
 namespace {
 
-/// What the links up to one say of it: R_own x + R_next x_next, each row of unit variance.
+/// The information of all links up to one: R_own x + R_next x_next, each row of unit variance.
 struct Eliminated {
   Matrix12d own, next;
 };

@@ -32,12 +32,12 @@ void check(std::span<const FlexMeasurement> measurements) {
   }
 }
 
-/// What a moment is held by.
+/// The costs of a state.
 struct Costs {
   ceres::ResidualBlockId bound = nullptr, measurement = nullptr, to_next = nullptr;
 };
 
-/// Its rows of the Jacobian, weighted as they were in the solution.
+/// The rows of the Jacobian of a state, weighted as in the solution.
 internal::ChainLink link(const ceres::Problem& problem, const Costs& costs) {
   using Rows = Eigen::Matrix<double, 12, 12, Eigen::RowMajor>;
   Rows of_this, of_next;
@@ -82,14 +82,15 @@ FlexResult smooth_flex(std::span<const FlexMeasurement> measurements, const Flex
   sigma.segment<3>(3).setConstant(options.rotation);
   const double omega = 2 * std::numbers::pi * options.frequency;
   sigma.tail<6>() = omega * sigma.head<6>();
-  // The mean counts every moment alike: what a pair knows of its moment says nothing of the others.
+  // All measurements have equal weight in the mean, because the covariance of a measurement does not apply to other times.
   std::vector<internal::PoseVote> votes;
   for (const FlexMeasurement& m : measurements)
     if (m.valid) votes.push_back({m.T_rl, Matrix6d(sigma.head<6>().cwiseAbs2().asDiagonal()) + m.covariance, 0, 0});
   if (votes.empty()) return result;
   result.mean = internal::common_pose(votes);
 
-  // An oscillation of deviation s has accelerations of deviation s omega^2, alike for about a quarter of its period.
+  // An oscillation with standard deviation s has accelerations of s omega^2, which are correlated over about a quarter of its
+  // period.
   const Vector6d density = (omega * omega * sigma.head<6>()).cwiseAbs2() / (4 * options.frequency);
   std::vector<State> states(measurements.size(), State::Zero());
   std::vector<Costs> costs(states.size());

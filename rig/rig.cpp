@@ -15,8 +15,8 @@
 namespace iclk {
 namespace {
 
-constexpr double kLeastAgree = 0.25;  // of the pairs
-constexpr double kMostStretch = 2;    // of a baseline, by a shock
+constexpr double kLeastAgree = 0.25;  // least share of pairs that agree
+constexpr double kMostStretch = 2;    // largest factor by which a shock changes the baseline
 
 Matrix6d diagonal(double translation, double rotation) {
   Matrix6d C = Matrix6d::Zero();
@@ -24,7 +24,7 @@ Matrix6d diagonal(double translation, double rotation) {
   return C;
 }
 
-/// Mean of |rectified_error|, px.
+/// The mean of |rectified_error()|, px.
 double epipolar(const Camera& camera, std::span<const RigSighting> sightings, const SE3& T_rl) {
   double sum = 0;
   int count = 0;
@@ -53,8 +53,8 @@ std::vector<RigSighting> sightings_of(int pair, const Features& features, const 
   return out;
 }
 
-/// A pair's own pose, or ICLK's where the features do not confirm it. What a vote can be worth is bounded by `floor`: errors of
-/// a scene and of depths are not in its covariance.
+/// The pose of a pair, or that of ICLK if the features do not confirm it. `floor` bounds the weight of a vote, because its
+/// covariance does not include errors of the scene and of depths.
 bool vote_of(const RefinedAlignment& r, const Matrix6d& floor, internal::PoseVote& vote) {
   vote.T = r.T_10;
   if (usable(r.status) && r.covariance.diagonal().minCoeff() > 0)
@@ -85,7 +85,7 @@ std::string failure(std::span<const RigPairReport> pairs) {
   return why.str();
 }
 
-/// estimate_rig(), step by step. A step that fails says so in the result's reason.
+/// The steps of estimate_rig(). A step that fails sets the reason of the result.
 class Estimation {
  public:
   Estimation(Aligner& aligner, const Camera& camera, std::span<const RigPair> pairs, const SE3& T_rl, const RigOptions& options)
@@ -104,7 +104,7 @@ class Estimation {
   }
 
  private:
-  /// What the pairs say by themselves, and then from where they agreed.
+  /// Aligns the pairs separately, and then again from their common pose.
   bool find_common_pose() {
     common_ = T_rl_;
     for (int round = 0; round < options_.rounds; ++round) {
@@ -148,7 +148,7 @@ class Estimation {
     return true;
   }
 
-  /// The sightings of the pairs that agree.
+  /// Collects the sightings of the pairs that agree.
   void gather() {
     sightings_.resize(pairs_.size());
     for (size_t i = 0; i < pairs_.size(); ++i) {
@@ -163,7 +163,7 @@ class Estimation {
     result_.sightings = static_cast<int>(result_.found.size());
   }
 
-  /// Pose and inverse depths together.
+  /// Adjusts pose and inverse depths together.
   bool adjust() {
     RigAdjustOptions options = options_.adjust;
     options.baseline = baseline_;
@@ -243,7 +243,7 @@ void RigOptions::check() const {
 double chi_square_quantile(int freedom, double p) {
   check_range("degrees of freedom", freedom, 1, 1e9);
   check_range("probability", p, 1e-12, 1 - 1e-12);
-  // The normal quantile by bisection of erfc: exact, and asked for once.
+  // The normal quantile by bisection of erfc: exact, and computed only once.
   double low = -8, high = 8;
   for (int i = 0; i < 80; ++i) {
     const double z = 0.5 * (low + high);
@@ -276,7 +276,7 @@ RigResult estimate_rig(const Session& session, const Camera& camera, std::span<c
 std::vector<RefinedAlignment> align_pairs(Aligner& aligner, const Camera& camera, std::span<const RigPair> pairs,
                                           const SE3& T_rl, const RefinerOptions& options, bool search) {
   RefinerOptions global = options;
-  global.rolling_shutter = false;  // both cameras turn alike: what bends an image is an error, and has to show
+  global.rolling_shutter = false;  // both cameras turn equally, so a bend is an error and must not be corrected
   Refiner refiner(aligner, global);
   const auto batch = static_cast<size_t>(std::max(1, std::min(aligner.plan().max_references, aligner.plan().max_pairs)));
   std::vector<RefinedAlignment> results;

@@ -28,7 +28,7 @@ struct Box {
   int u, v, width, height;
 };
 
-/// A value a pixel, row by row.
+/// One value per pixel, row by row.
 template <class T>
 struct Grid {
   int width = 0, height = 0;
@@ -40,8 +40,8 @@ struct Grid {
   const T* row(int v) const { return data.data() + static_cast<size_t>(v) * static_cast<size_t>(width); }
 };
 
-/// The least or greatest value of the patch about each pixel, of what there is of it in the image; a row after the other, since
-/// a few rows stay in a cache. `load(v, to)` gives row v.
+/// The least or greatest value of the patch around each pixel, as far as it lies in the image. It works row by row, so that the
+/// rows stay in the cache. `load(v, to)` loads row v.
 template <class T, class Of, class Load>
 class PatchRows {
  public:
@@ -84,7 +84,7 @@ class PatchRows {
   std::vector<T> out_;
 };
 
-/// What a pixel is good for.
+/// The suitability of a pixel for features.
 enum Place : uint8_t {
   nowhere,  ///< not seen, or without depth
   edge,     ///< seen, with depth
@@ -114,14 +114,14 @@ Grid<Place> find_places(const ImageView& depth, const ImageView& seen, int borde
     Place* place = places.row(v);
     for (int u = border; u < w - border; ++u) {
       const float z = here[u];
-      const int one = (low[u] > 0) & (high[u] - low[u] <= kMaxDepthSpread * z);  // without branches: depth is rough
+      const int one = (low[u] > 0) & (high[u] - low[u] <= kMaxDepthSpread * z);  // no branches: depth varies
       place[u] = static_cast<Place>(((z > 0) & (whole[u] != 0)) * (edge + one));
     }
   }
   return places;
 }
 
-/// Half the width of a disc's rows, from its middle on.
+/// Half the width of each row of a disc, from its middle on.
 std::vector<int> disc(int radius) {
   std::vector<int> half(static_cast<size_t>(radius) + 1);
   const auto reach = [&](int row) -> int& { return half[static_cast<size_t>(row)]; };

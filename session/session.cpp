@@ -70,7 +70,7 @@ Plan Session::plan_for(const Needs& needs) const {
   plan.max_pairs = options_.batch;
   plan.dense = options_.dense;
   plan.target_masks = needs.masks;
-  plan.format = lossless_format(needs.deep, needs.colour || needs.masks);  // a mask goes into the alpha of four channels
+  plan.format = lossless_format(needs.deep, needs.colour || needs.masks);  // a mask is stored in the alpha of four channels
   return plan;
 }
 
@@ -99,7 +99,7 @@ void Session::make(const Needs& needs, bool keep_references) {
   if (cascade_ && made_.serves(needs)) return;
   const internal::Stopwatch time;
   device_aligners_.clear();
-  if (!keep_references) cascade_.reset();  // the device may not hold both
+  if (!keep_references) cascade_.reset();  // both may not fit the device
   std::unique_ptr<Cascade> cascade = make_cascade(needs);
   for (int slot = 0; cascade_ && slot < made_.references; ++slot)
     if (const Reference* kept = cascade_->reference(slot)) cascade->set_reference(slot, *kept);

@@ -13,7 +13,7 @@ void archive(Stream& s, FramePixels& p) {
   archive_all(s, p.time, p.image, p.mask, p.depth, p.format);
 }
 
-/// What the bundles read of it.
+/// The parts that bundles use.
 template <class Stream>
 void archive(Stream& s, AlignedFeature& f) {
   archive_all(s, f.uv1, f.covariance, f.status);
@@ -50,7 +50,7 @@ void archive(Stream& s, Unroller::State::Turned& t) {
 
 namespace {
 
-constexpr uint64_t kMagic = 0x34304b4c43494b54;  // changes with what a state holds
+constexpr uint64_t kMagic = 0x34304b4c43494b54;  // changes with the contents of a state
 
 /// FNV-1a, 64 bits.
 uint64_t checksum(std::span<const uint8_t> bytes) {
@@ -74,7 +74,7 @@ void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyfra
 }  // namespace
 
 std::vector<uint8_t> Tracker::state() const {
-  Impl& m = *impl_;  // archive() reads where it could write
+  Impl& m = *impl_;  // not const: archive() is the same function for reading and writing
   internal::Writer writer;
   uint64_t magic = kMagic, sum = 0;
   internal::archive_all(writer, magic, sum, m.camera.width, m.camera.height, m.options.keyframes);
@@ -108,7 +108,7 @@ void Tracker::restore(std::span<const uint8_t> state) {
   try {
     for (const auto& [id, k] : fresh->keyframes.all()) fresh->keyframes.prepare(k);
   } catch (...) {
-    for (const auto& [id, k] : m.keyframes.all()) m.keyframes.prepare(k);  // of slots that were overwritten
+    for (const auto& [id, k] : m.keyframes.all()) m.keyframes.prepare(k);  // their slots were overwritten
     throw;
   }
   impl_ = std::move(fresh);

@@ -12,7 +12,7 @@
 namespace iclk {
 namespace {
 
-/// In front of all that reads pixels.
+/// Checks an image before its pixels are read.
 void check_view(const ImageView& image, const Camera& camera, PixelFormat format, const char* what) {
   const auto refuse = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, what + why); };
   if (image.width != camera.width || image.height != camera.height)
@@ -32,7 +32,7 @@ void check_frame(const TrackFrame& frame, const Camera& camera, const TrackerOpt
   check_view(frame.mask, camera, PixelFormat::r8, "a mask");
 }
 
-/// The pose that was found by a keyframe.
+/// Sets the pose that was found with a keyframe.
 void tell(const internal::Found& found, const internal::Keyframe& k, TrackResult& result) {
   const RefinedAlignment& a = found.alignment;
   result.status = TrackStatus::tracked;
@@ -51,8 +51,8 @@ void tell(const internal::Found& found, const internal::Keyframe& k, TrackResult
 
 RefinerOptions for_tracking() {
   RefinerOptions options;
-  options.keep_unconfirmed = true;  // what the alignment says may still be credible (Judge)
-  options.rolling_shutter = false;  // frames are unrolled here, by what the frames before tell as well
+  options.keep_unconfirmed = true;  // an unconfirmed alignment may still be credible (Judge)
+  options.rolling_shutter = false;  // the tracker unrolls frames, with data of earlier frames too
   return options;
 }
 
@@ -86,7 +86,7 @@ Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
   Plan plan{.width = camera.width, .height = camera.height, .max_features = options.features};
   plan.max_references = options.keyframes;
   plan.max_pairs = 2 * options.window;
-  const bool masks = options.masks || options.readout != 0;  // unrolled images are not seen everywhere
+  const bool masks = options.masks || options.readout != 0;  // unrolled images have pixels without a source
   plan.format = masks ? PixelFormat::rgba8 : PixelFormat::r8;
   plan.target_masks = masks;
   return plan;
@@ -104,7 +104,7 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
       window(camera, judge, refiner, keyframes, options.window),
       seeder(camera, this->options, judge) {}
 
-/// docs/explain/tracking.md tells what happens to a frame, by these numbers.
+/// The numbers are those of docs/explain/tracking.md, which explains the steps.
 TrackResult Tracker::Impl::track(const TrackFrame& given) {
   check(given);
   last_time = given.time;
@@ -156,7 +156,7 @@ TrackResult Tracker::Impl::begin(Frame& frame, TrackResult result) {
 }
 
 std::optional<internal::Found> Tracker::Impl::locate(Frame& frame, TrackResult& result) {
-  constexpr double kLikely = 0.5, kAtAll = -1;  // of a credible keyframe, visible
+  constexpr double kLikely = 0.5, kAtAll = -1;  // least visible share of a credible keyframe
   const TrackFrame& seen = frame.seen();
   if (!motion.lost) {
     internal::Search search{motion.predict(seen.time)};
@@ -164,7 +164,7 @@ std::optional<internal::Found> Tracker::Impl::locate(Frame& frame, TrackResult& 
     result.searched = true;
     if (auto found = locator.try_others(seen, motion, search)) return found;
     if (auto found = locator.credible(search, kLikely)) return found;
-    if (make_previous_keyframe(result))  // nothing is more alike
+    if (make_previous_keyframe(result))  // the most similar frame
       if (auto found = locator.try_current(seen, motion, search)) return found;
     if (auto found = locator.credible(search, kAtAll)) return found;
   }
@@ -228,7 +228,7 @@ bool Tracker::Impl::make_keyframe(Frame& frame, const SE3& T_WC, const std::opti
   result.keyframe = k.id;
   result.T_CK = {};
   result.T_WC = k.T_WC;
-  result.covariance.setZero();  // it is its own reference; of how it was found the origin tells
+  result.covariance.setZero();  // it is its own reference; `origin` has the covariance of its alignment
   result.origin = origin;
   return true;
 }
@@ -246,7 +246,7 @@ void Tracker::Impl::fill(internal::Keyframe& k, Frame& frame, Features features,
   k.sigma = k.features.inverse_depth_sigma;
   k.sigma.resize(k.measured.size());
   TrackFrame pixels = frame.seen();
-  pixels.depth = {};  // its features have what is needed
+  pixels.depth = {};  // its features have the needed depths
   k.pixels.keep(pixels);
 }
 

@@ -13,14 +13,14 @@ namespace iclk::internal {
 namespace {
 
 constexpr int kPatch = ICLK_PATCH, kArea = ICLK_PATCH_AREA;
-constexpr int kSupport = kPatch + 2;  // the template with the ring that its central differences need
+constexpr int kSupport = kPatch + 2;  // the template with a ring for its central differences
 constexpr double kCentre =
-    0.5 * (kPatch - 1);  // offsets -3.5 .. 3.5: a wrong warp then turns the patch about the feature and does not move it
+    0.5 * (kPatch - 1);  // offsets -3.5 .. 3.5: a wrong warp then rotates the patch around the feature without moving it
 
-/// The warped patch of one level and what the iterations share.
+/// The warped patch of one level and the data that all iterations share.
 struct Template {
   bool inside = false;                  // the patch lies in image 0
-  std::array<double, kArea> T, Tu, Tv;  // T with its mean taken off; gradients in px of the level in image 1
+  std::array<double, kArea> T, Tu, Tv;  // T minus its mean; gradients in px of the level in image 1
   double mean = 0;
   double STT = 0;     // sum T^2
   Eigen::Matrix2d B;  // columns: sum grad T * T, sum grad T
@@ -30,7 +30,7 @@ struct Template {
   double texture = 0;  // smaller eigenvalue of S / kArea
 };
 
-/// Variance of bilinearly interpolated white noise over its variance.
+/// The variance of bilinearly interpolated white noise divided by that of the noise.
 double interpolation_noise(double u, double v) {
   const double a = u - std::floor(u), b = v - std::floor(v);
   return ((1 - a) * (1 - a) + a * a) * ((1 - b) * (1 - b) + b * b);
@@ -44,7 +44,7 @@ Template make_template(const Map& f0, const Eigen::Vector2d& c0, const Eigen::Ma
   for (double dv : {-kCentre, kCentre})
     for (double du : {-kCentre, kCentre}) {
       const Eigen::Vector2d p = at(du, dv);
-      // Half a pixel of slack: a sub-pixel feature whose 8x8 patch just fits reaches that far when it is centred.
+      // Half a pixel of slack, because a sub-pixel feature whose 8x8 patch just fits extends that far when centred.
       t.inside = t.inside && p.x() >= -0.5 && p.y() >= -0.5 && p.x() <= f0.width - 0.5 && p.y() <= f0.height - 0.5;
     }
   if (!t.inside) return t;
@@ -87,10 +87,10 @@ Template make_template(const Map& f0, const Eigen::Vector2d& c0, const Eigen::Ma
   return t;
 }
 
-/// Sums over the patch in image 1 at c1, and what follows from them.
+/// Sums over the patch in image 1 at c1, and values that follow from them.
 struct Sums {
   bool inside = false, hidden = false;
-  double gain = 0, bias = 0, correlation = 0, variance = 0;  // at the position itself, without a step
+  double gain = 0, bias = 0, correlation = 0, variance = 0;  // at the position, without a step
   Eigen::Vector2d step = Eigen::Vector2d::Zero();            // px of the level
 };
 
@@ -98,7 +98,7 @@ struct Sums {
 Sums sum_patch(const Map& f1, const Eigen::Vector2d& c1, const Template& t) {
   Sums s;
   const double first_u = c1.x() - kCentre, first_v = c1.y() - kCentre;
-  // Strictly larger than a patch: the shader reads the ninth column and row even where they weigh nothing.
+  // Strictly larger than a patch, because the shader reads the ninth column and row even with zero weight.
   s.inside = f1.width > kPatch && f1.height > kPatch && first_u >= 0 && first_v >= 0 && first_u + kPatch - 1 <= f1.width - 1 &&
              first_v + kPatch - 1 <= f1.height - 1;
   if (!s.inside) return s;
@@ -139,7 +139,7 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
     }
     const double length = s.step.norm();
     if (!(s.gain > 0) || !std::isfinite(length)) break;
-    // A step beyond a pixel leaves the range of the linearisation: its direction is kept, its length is not.
+    // A step of more than a pixel exceeds the linearisation: it keeps its direction and is shortened.
     c1 += s.step * std::min(1.0, 1.0 / std::max(length, 1e-12));
     if ((c1 - start).norm() > max_motion) break;
     if (length < options.step_tolerance) {
@@ -167,8 +167,8 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
     f.status = FeatureStatus::bad_match;
     return f;
   }
-  // The noise of both images went through an interpolation that the residual shows and the position does not: it smooths
-  // what varies from pixel to pixel, and the position follows what varies slowly.
+  // Interpolation reduced the noise in the residual, but not in the position. It smooths variation from pixel to pixel, while
+  // the position follows slow variation.
   const double g2 = s.gain * s.gain;
   const double smoothing = (1 + g2) / (interpolation_noise(c1.x() - kCentre, c1.y() - kCentre) + g2 * t.noise);
   f.covariance = photometric * smoothing;
@@ -179,7 +179,7 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
 
 PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q, const SE3& T_10) {
   PatchWarp w;
-  const Eigen::Vector3d p = T_10.R * camera.ray(uv0) + q * T_10.t;  // X1 times q: far points need no large numbers
+  const Eigen::Vector3d p = T_10.R * camera.ray(uv0) + q * T_10.t;  // X1 times q, without large numbers for far points
   const bool in_front = p.z() > 1e-6;
   w.uv1 = in_front ? camera.project(p) : Eigen::Vector2d::Zero();
   if (!in_front || !w.uv1.allFinite()) {
@@ -188,7 +188,7 @@ PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q,
     return w;
   }
   w.A = camera.project_jacobian(p) * T_10.R.leftCols<2>() * Eigen::Vector2d(1 / camera.fx, 1 / camera.fy).asDiagonal();
-  // A patch that shrinks or grows by more than 4 in area a side is no longer the same texture at this resolution.
+  // A patch that shrinks or grows by more than a factor of 4 per side has a different texture at this resolution.
   const double det = w.A.determinant();
   w.valid = w.A.allFinite() && det > 1.0 / 16 && det < 16;
   return w;
@@ -219,7 +219,7 @@ AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera&
     return g;
   };
 
-  // Level 1 has twice the basin and half the precision: only where level 0 alone does not align the feature.
+  // Level 1 has twice the basin and half the precision. It is used only if level 0 alone does not align the feature.
   const AlignedFeature first = fine(w.uv1);
   if (first.status == FeatureStatus::aligned) return first;
   if (f0.size() > 1 && f1.size() > 1) {

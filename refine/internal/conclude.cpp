@@ -17,9 +17,9 @@
 namespace iclk::internal {
 namespace {
 
-constexpr int kRivals = 6;  // poses that are tried beside an answer
+constexpr int kRivals = 6;  // poses that are tried besides an answer
 
-/// Patch centre inside image 1 by the patch's half width.
+/// Whether the patch centre is inside image 1 by half the width of a patch.
 bool is_visible(const View& view, size_t i, const SE3& T_10) {
   if (view.checks[i] != FeatureCheck::ok) return false;
   const PatchWarp w = warp_patch(view.camera, view.features.uv[i], view.features.inverse_depth[i], T_10);
@@ -28,7 +28,7 @@ bool is_visible(const View& view, size_t i, const SE3& T_10) {
          w.uv1.y() <= view.camera.height - 1 - margin;
 }
 
-/// What was found, as a camera would have it that reads all rows at once.
+/// The aligned features, corrected to a global shutter.
 std::vector<AlignedFeature> straight(const View& view, const RefinedAlignment& r) {
   std::vector<AlignedFeature> features = r.features;
   if (r.turn)
@@ -37,15 +37,15 @@ std::vector<AlignedFeature> straight(const View& view, const RefinedAlignment& r
   return features;
 }
 
-/// Aligned features that one homography explains; 0 where they are few, which fit its eight parameters by chance.
+/// The number of aligned features that one homography explains; 0 if there are too few for its eight parameters.
 int explained_by_plane(const View& view, const PoseOptions& options, const RefinedAlignment& r) {
   constexpr int kEnough = 80;
   if (count_aligned(r.features) < kEnough) return 0;
   return plane_inliers(view.features, r.features, options.inlier_distance);
 }
 
-/// Pose and turn of a target that is bent, if that is proven and no feature is lost by it. Returned is what the turn adds to
-/// the covariance, or the doubt whether it is there.
+/// Corrects the pose for a turn of the target, if the turn is proven and costs no inliers. Returns its part of the covariance,
+/// or that of the doubt about it.
 Matrix6d unbend(const View& view, const PoseOptions& options, bool guessed, RefinedAlignment& r, PoseResult& pose) {
   const Stopwatch time;
   const std::optional<TurnEstimate> found = pair_turn(view.camera, view.features, r.features, pose.T_10);
@@ -53,7 +53,8 @@ Matrix6d unbend(const View& view, const PoseOptions& options, bool guessed, Refi
   if (!found->proven(view.camera)) return found->doubt(pose.T_10);
   r.turn = found->turn;
   PoseResult better = refine_pose(view.camera, view.features, straight(view, r), found->T_10, options);
-  // Wrong depths bend a target too. Then one plane, of fewer parameters, explains as much. A tracker knows its depths.
+  // Wrong depths imitate a bend. Then a plane, with fewer parameters, explains as much. With a first guess (trackers), depths
+  // are trusted.
   if (!usable(better.status) || better.inliers < pose.inliers ||
       (!guessed && better.inliers <= explained_by_plane(view, options, r))) {
     r.turn.reset();
@@ -64,7 +65,8 @@ Matrix6d unbend(const View& view, const PoseOptions& options, bool guessed, Refi
   return found->pose_share;
 }
 
-/// Features that a pose puts inside image 1, and of these those with texture: the rest says nothing about it.
+/// The number of features that a pose projects into image 1, and of those with texture among them; the others do not constrain
+/// it.
 struct Shown {
   int visible = 0, candidates = 0;
 };
@@ -78,8 +80,8 @@ Shown shown(const View& view, std::span<const AlignedFeature> features, const SE
   return s;
 }
 
-/// Where residuals are larger than positions are ever off by, and one plane explains as many features as the depths do, the
-/// depths say nothing: they are another frame's, mirrored, constant.
+/// Doubts the depths if residuals are larger than any position error and one plane explains as many features. Such depths
+/// belong to another frame, or are mirrored or constant.
 void doubt_depths(const View& view, const PoseOptions& options, RefinedAlignment& r) {
   constexpr double kFits = 0.8, kMore = 1.02;  // shares of the aligned features, and of the inliers
   if (!(r.sigma > options.max_sigma) || r.inliers >= kFits * r.aligned) return;
@@ -90,7 +92,8 @@ void doubt_depths(const View& view, const PoseOptions& options, RefinedAlignment
              std::to_string(r.inliers) + "; " + r.reason;
 }
 
-/// The verdict over the whole way; `pose` is the last round's. False if features speak against the pose that ICLK found.
+/// The verdict on alignment and refinement; `pose` is that of the last round. Returns false if the features contradict ICLK's
+/// pose.
 bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, bool guessed, RefinedAlignment& r) {
   Evidence e;
   e.guessed = guessed;
@@ -143,14 +146,14 @@ void conclude(const View& view, const RefinerOptions& options, const Pair& pair,
   if (r.rounds == 0) return;
   const Matrix6d turn_share = options.rolling_shutter ? unbend(view, options.pose, !pair.search, r, c.pose) : Matrix6d::Zero();
   const bool compatible = decide(view, c.pose, options, !pair.search, r);
-  if (!usable(r.status)) {  // T_10 stays ICLK's
+  if (!usable(r.status)) {  // T_10 stays that of ICLK
     if (options.keep_unconfirmed && compatible && r.iclk.converged()) {
       r.reason = r.iclk.reason + "; not refined: " + r.reason;
       r.status = r.iclk.status;
       r.covariance = r.iclk.covariance +
                      depth_covariance(view.camera, view.features, view.checks, r.T_10, c.pose.depth_sigma, ICLK_MAP_SIGMA);
       r.turn.reset();
-      r.features.clear();  // what was found is not where the pose puts it
+      r.features.clear();  // the found positions contradict the pose
     }
     return;
   }

@@ -52,7 +52,7 @@ AlignedFeature unpack_feature(const shaders::AlignedInfo& info) {
   const bool finite = std::isfinite(info.u) && std::isfinite(info.v) && std::isfinite(info.gain) && std::isfinite(info.bias) &&
                       std::isfinite(info.correlation) && std::isfinite(info.covariance_uu) &&
                       std::isfinite(info.covariance_uv) && std::isfinite(info.covariance_vv);
-  if (!finite) {  // what a device makes of NaN pixels is its own affair
+  if (!finite) {  // results for NaN pixels depend on the device
     f.status = f.status == FeatureStatus::aligned ? FeatureStatus::diverged : f.status;
     return f;
   }
@@ -69,12 +69,12 @@ namespace {
 using engine::BufferUse;
 using engine::MemoryKind;
 
-// Groups of a dispatch in x; 65,535 is what every device has.
+// The most groups of a dispatch in x; every device allows 65,535.
 constexpr uint32_t kFeaturesATask = 32768;
-// Features of a submission: 16 MiB of features and 40 MiB of results, within maxStorageBufferRange of every device.
+// The most features of a submission: 16 MiB of features and 40 MiB of results, within maxStorageBufferRange of every device.
 constexpr uint64_t kFeaturesASubmission = 1 << 20;
 
-/// Buffers of a submission. Host-visible: a few bytes a feature, written once and read once.
+/// Buffers of a submission. They are host-visible, with a few bytes per feature that are written once and read once.
 struct Buffers {
   Buffers(uint32_t max_tasks, uint32_t max_features, bool recolour) {
     tasks = plan.add("feature tasks", sizeof(shaders::FeatureTask) * max_tasks, MemoryKind::table, BufferUse::storage);
@@ -137,8 +137,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
   std::vector<AlignedFeatures> align(std::span<const FeatureAlignmentTask> tasks) override {
     std::vector<AlignedFeatures> results;
     results.reserve(tasks.size());
-    clear();             // a lost device may have left some
-    submission_.wait();  // pending only where the last call could not wait for it
+    clear();             // left over if the device was lost
+    submission_.wait();  // pending only if the last call could not wait for it
     for (const FeatureAlignmentTask& task : tasks) {
       check(task, aligner_.plan().max_references, aligner_.pairs_per_batch());
       AlignedFeatures& result = results.emplace_back();
@@ -207,7 +207,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
     filled_ += piece.count;
   }
 
-  /// Aligns what was added and empties the list.
+  /// Aligns the added features and empties the list.
   void run(std::vector<AlignedFeatures>& results) {
     if (pieces_.empty()) return;
     const auto widest =

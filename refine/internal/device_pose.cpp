@@ -43,7 +43,7 @@ DevicePose::DevicePose(const std::shared_ptr<const engine::Context>& context, co
                                          storage_read_write, storage_read, storage_read},
                                         bytes,
                                         {}});
-  // References, pairs, features, where they were found, observations, states, turns; tasks.
+  // References, pairs, features, aligned features, observations, states, turns; tasks.
   pose_ = engine::Kernel(context, {"refine_pose",
                                    refine_pose_comp_spv,
                                    {storage_read, storage_read, storage_read, storage_read, storage_read_write,

@@ -17,7 +17,7 @@ struct Match {
   Vector2d from, to;
 };
 
-/// Least squares of the linear equations with H(2, 2) = 1, in units in which pixels are about 1.
+/// Solves the linear equations with H(2, 2) = 1 by least squares, in units in which pixels are about 1.
 Matrix3d homography(std::span<const Match> matches, double unit) {
   const auto n = static_cast<Eigen::Index>(matches.size());
   Eigen::Matrix<double, Eigen::Dynamic, 8> A(2 * n, 8);

@@ -12,23 +12,23 @@ namespace iclk::internal {
 namespace {
 
 constexpr int kRounds = 8;           // of weights and gains; the weights settle to 1 % in three or four
-constexpr int kLeastPatches = 8;     // three weights from fewer would say more of these than of the image
-constexpr double kLeastGain = 0.05;  // of the unexplained: less is not worth another grey map
+constexpr int kLeastPatches = 8;     // three weights from fewer would overfit
+constexpr double kLeastGain = 0.05;  // least reduction of the unexplained share
 constexpr double kNoise = ICLK_LEAST_SIGMA;
 
-/// A patch at some weights: w . C with the gain that brings it nearest to T.
+/// A patch with given weights: w . C with the gain that fits T best.
 struct Fit {
   double gain = 0;
   double rest = 0;  // sum of the squared residuals
 };
 
 Fit fit(const ColourSums& p, const Eigen::Vector3d& w) {
-  const double square = w.dot(p.CC * w), product = std::max(0.0, w.dot(p.TC));  // a negative gain is another place
+  const double square = w.dot(p.CC * w), product = std::max(0.0, w.dot(p.TC));  // a negative gain is a wrong place
   if (!(square > 0)) return {0, p.TT};
   return {product / square, std::max(0.0, p.TT - product * product / square)};
 }
 
-/// Cauchy's weights of the patches, by the share that is left of each: a wrong match must not choose the colours.
+/// Cauchy weights of the patches by their unexplained shares, so that wrong matches do not determine the colours.
 std::vector<double> patch_weights(std::span<const ColourSums* const> patches, const Eigen::Vector3d& w) {
   std::vector<double> rest;
   for (const ColourSums* p : patches) rest.push_back(std::sqrt(fit(*p, w).rest / (p->TT + ICLK_PATCH_AREA * kNoise * kNoise)));
@@ -54,7 +54,7 @@ Recolouring recolour(std::span<const ColourSums> all) {
     rho = patch_weights(patches, w);
     Eigen::Matrix3d H = Eigen::Matrix3d::Zero();
     Eigen::Vector3d g = Eigen::Vector3d::Zero();
-    double pixels = 0;  // each as often as its gain says
+    double pixels = 0;  // weighted by the squared gains
     for (size_t i = 0; i < patches.size(); ++i) {
       const double gain = fit(*patches[i], w).gain;
       H += rho[i] * gain * gain * patches[i]->CC;
@@ -67,7 +67,7 @@ Recolouring recolour(std::span<const ColourSums> all) {
     w = luma + (H + prior).ldlt().solve(g - H * luma);
     const double after = w.dot(H * w);
     if (!w.allFinite() || !(after > 0)) return {};
-    w *= std::sqrt(before / after);  // gains are the patches': the weights keep the contrast of luma's grey values
+    w *= std::sqrt(before / after);  // the patches have gains, so the weights keep the contrast of luma
   }
   double left = 0, left_by_luma = 0;
   for (size_t i = 0; i < patches.size(); ++i) {

@@ -19,7 +19,7 @@ namespace {
 using RowMajor6x12 = Eigen::Matrix<double, 6, 12, Eigen::RowMajor>;
 using RowMajor12x6 = Eigen::Matrix<double, 12, 6, Eigen::RowMajor>;
 
-/// Of the inverse depth; 0 where the features say nothing of it.
+/// The relative sigma of the inverse depth; 0: unknown.
 double relative_sigma(const Features& features, size_t i) {
   if (features.inverse_depth_sigma.empty()) return 0;
   const double sigma = features.inverse_depth_sigma[i] / features.inverse_depth[i];
@@ -82,7 +82,7 @@ bool ReprojectionCost::Evaluate(double const* const* parameters, double* residua
   const SE3 T = to_pose(parameters[0]);
   const double q = parameters[1][0];
   const Eigen::Vector3d p = T.R * ray_ + q * T.t;
-  if (!(p.z() > least_depth_)) return false;  // Ceres takes the step back
+  if (!(p.z() > least_depth_)) return false;  // Ceres rejects the step
   Eigen::Map<Eigen::Vector2d>{residuals} = W_ * (camera_.project(p) - uv1_);
   if (jacobians == nullptr) return true;
   const Eigen::Matrix<double, 2, 3> J = W_ * camera_.project_jacobian(p);
@@ -197,7 +197,7 @@ ceres::Solver::Options solver_options(int iterations) {
   o.minimizer_type = ceres::TRUST_REGION;
   o.trust_region_strategy_type = ceres::LEVENBERG_MARQUARDT;
   o.max_num_iterations = iterations;
-  o.num_threads = 1;  // the caller's threads are the caller's
+  o.num_threads = 1;  // the caller manages the threads
   o.logging_type = ceres::SILENT;
   o.minimizer_progress_to_stdout = false;
   o.function_tolerance = 1e-8;
@@ -213,7 +213,7 @@ Ending ending(const ceres::Solver::Summary& summary) {
 
 namespace {
 
-/// Standard deviation across the line that fits points best.
+/// The standard deviation of points across their best line.
 double width_of(std::span<const Eigen::Vector2d> points) {
   Eigen::Vector2d mean = Eigen::Vector2d::Zero();
   for (const Eigen::Vector2d& p : points) mean += p / static_cast<double>(points.size());

@@ -16,27 +16,27 @@ namespace {
 using Eigen::Vector2d;
 
 constexpr int kNumbers = 4 * ICLK_MATCH_TEXELS;
-constexpr size_t kBest = 2, kNear = 6;   // places of a feature: the most alike, and of those as alike the nearest to its own
+constexpr size_t kBest = 2, kNear = 6;   // places of a feature: the most similar ones, and the nearest of equally similar ones
 constexpr int kApart = 4;                // pixels of the map between two places
-constexpr int kOwn = 3;                  // about the place that the answer explains
+constexpr int kOwn = 3;                  // the same around the place that the answer explains
 constexpr float kLeastScore = 0.5f;      // of a place
-constexpr float kWorse = 0.2f;           // than the best place: no longer a likeness
-constexpr float kClear = 0.8f;           // score of a place at which a feature is seen for certain,
-constexpr float kClearlyBetter = 0.15f;  // and as much more than where the answer puts it
-constexpr float kBetter = 0.05f;         // the same of a feature that may have gone there
-constexpr int kSample = int{ICLK_ELSEWHERE_SAMPLE};      // features that are looked at first
-constexpr double kExplained = ICLK_ELSEWHERE_EXPLAINED;  // share that leaves little to another pose,
-constexpr double kAlike = 0.15;                          // unless so many look like another place
+constexpr float kWorse = 0.2f;           // than the best place: not similar
+constexpr float kClear = 0.8f;           // score of a place at which a feature is certainly visible,
+constexpr float kClearlyBetter = 0.15f;  // and by which it must exceed the place of the answer
+constexpr float kBetter = 0.05f;         // the same for a feature that may have moved there
+constexpr int kSample = int{ICLK_ELSEWHERE_SAMPLE};      // features that are searched for first
+constexpr double kExplained = ICLK_ELSEWHERE_EXPLAINED;  // explained share above which other poses are unlikely,
+constexpr double kAlike = 0.15;                          // unless this share looks like another place
 constexpr int kHypotheses = 512;
-constexpr float kAsMuch = 0.1f;         // a score that is lower by no more is as good
-constexpr double kLeastSupport = 0.35;  // of a pose that is worth aligning
+constexpr float kAsMuch = 0.1f;         // scores that differ by less are equal
+constexpr double kLeastSupport = 0.35;  // least support of a pose that is aligned
 
 using Scores = Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-/// A pixel of the match map: its squares' centre.
+/// Converts a pixel of the image to one of the match map.
 Vector2d to_map(const Vector2d& uv, int scale) { return (uv.array() + 0.5) / scale - 0.5; }
 
-/// The reference's patch as the target would show it.
+/// The descriptor of the reference's patch, warped to the target.
 MatchDescriptor describe_warped(const Map& map, const Vector2d& centre, const Eigen::Matrix2d& back) {
   std::array<float, ICLK_PATCH_AREA> patch;
   for (int p = 0; p < ICLK_PATCH_AREA; ++p) {
@@ -46,7 +46,7 @@ MatchDescriptor describe_warped(const Map& map, const Vector2d& centre, const Ei
   return describe(patch);
 }
 
-/// The best places, those about `own` left out.
+/// The best places, except those around `own`.
 std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::RowVectorXf>& scores, const MatchLayout& layout,
                                                   const Vector2d& own) {
   std::vector<std::pair<float, int>> cells;  // the best of each few pixels squared
@@ -85,11 +85,11 @@ std::vector<std::pair<float, Vector2d>> places_of(const Eigen::Ref<const Eigen::
 
 struct Sought {
   size_t feature;
-  Vector2d own;  // where the answer puts it, pixels of the map
+  Vector2d own;  // the place of the answer, pixels of the map
   Eigen::Matrix<float, 1, kNumbers> descriptor;
 };
 
-/// The best score of the places next to a pixel of the map.
+/// The best score of the places near a pixel of the map.
 float score_near(const Sought& sought, const PlaceDescriptors& places, const MatchLayout& layout, const Vector2d& at) {
   const auto u0 = static_cast<int>(std::lround(at.x() - 3.5)), v0 = static_cast<int>(std::lround(at.y() - 3.5));
   float best = -1;
@@ -99,7 +99,7 @@ float score_near(const Sought& sought, const PlaceDescriptors& places, const Mat
   return best;
 }
 
-/// In an order in which the first ones are spread over all.
+/// The features in an order in which the first ones are a sample of all.
 std::vector<Sought> seek(const Map& map0, const Camera& camera, const Features& features, std::span<const FeatureCheck> checks,
                          const SE3& T_10, const MatchLayout& layout) {
   std::vector<Sought> out;
@@ -117,11 +117,11 @@ std::vector<Sought> seek(const Map& map0, const Camera& camera, const Features& 
 }
 
 struct Candidates {
-  std::vector<Correspondence> alike;  // places as alike as the best
+  std::vector<Correspondence> alike;  // places as similar as the best
   std::vector<Correspondence> moved;  // the best places of features that do not agree with the answer
 };
 
-/// Poses on which places `from` agree; places that one explains are left out for the next.
+/// Adds poses on which places of `from` agree. Places that one pose explains are left out for the next.
 void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& camera, double mean_q, const MatchLayout& layout,
              int most, std::vector<SE3>& poses) {
   std::stable_sort(from.begin(), from.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
@@ -138,8 +138,8 @@ void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& c
   }
 }
 
-/// How many features look like the place where a pose puts them, as a share of those that look like the answer's place.
-/// Features that both poses put at one place do not count.
+/// The number of features that look like their places by a pose, as a share of those that look like the answer's places.
+/// Features with the same place by both poses are not counted.
 double support(const std::vector<Sought>& sought, const PlaceDescriptors& places, const MatchLayout& layout,
                const Camera& camera, const Features& features, const SE3& T_10) {
   int answer = 0, pose = 0;
@@ -220,7 +220,7 @@ std::vector<bool> inliers(const Camera& camera, const Features& features, std::s
 
 namespace {
 
-/// px: geometric mean of the standard deviations along both main directions.
+/// The extent of points in px: the geometric mean of the standard deviations along both main directions.
 double reach(const std::vector<Vector2d>& points) {
   if (points.size() < 3) return 0;
   const auto n = static_cast<double>(points.size());
@@ -237,7 +237,7 @@ Contest compare(const Camera& camera, const Features& features, const RefinedAli
                 double inlier_distance) {
   const auto a = inliers(camera, features, first.features, first.T_10, inlier_distance);
   const auto b = inliers(camera, features, second.features, second.T_10, inlier_distance);
-  const auto better = [](const AlignedFeature& one, const AlignedFeature& other) {  // clearly, beyond what noise does
+  const auto better = [](const AlignedFeature& one, const AlignedFeature& other) {  // by more than noise
     return 2 * (1 - one.correlation) + 0.005 < 1 - other.correlation;
   };
   const auto shows = [](const AlignedFeature& f) {
@@ -282,15 +282,15 @@ std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
 
 namespace {
 
-/// Whether one pose has so much for itself that the other explains only what repeats, or a small part that moves by itself.
-/// The farther features lie apart, the more they say: the scene surrounds what moves in it.
+/// Whether one pose dominates: the other explains only repetitions, or a small part that moves independently. Widely spread
+/// features count more, because the scene surrounds the objects that move in it.
 bool dominates(const View& view, const RefinerOptions& options, const RefinedAlignment& one, const RefinedAlignment& other) {
   const Contest c = compare(view.camera, view.features, one, other, options.pose.inlier_distance);
   return c.first >= std::max<double>(options.min_inliers, 0.1 * one.inliers) &&
          c.second * c.second_reach <= options.max_rival_share * c.first * c.first_reach;
 }
 
-/// What ICLK did stays the answer's.
+/// Replaces the answer by the rival; the result of ICLK is kept.
 void take(RefinedAlignment& rival, RefinedAlignment& answer) {
   rival.iclk = std::move(answer.iclk);
   rival.stages.insert(rival.stages.begin(), answer.stages.front());

@@ -15,12 +15,12 @@ std::vector<bool> aligned_set(const std::vector<AlignedFeature>& features) {
   return set;
 }
 
-/// Patches that luma has displaced do not show all of a recolouring yet: it is found again where the first one led.
+/// Patches that luma has displaced do not show the whole recolouring, so it is estimated again after the first one.
 bool wants_colours(const RefinerOptions& options, const RefinedAlignment& r, int round) {
   return options.feature_alignment.recolour && round + 1 < options.rounds && (round == 0 || r.recolouring.better());
 }
 
-/// The pose of the features as they were found in this round. False: a further round would find the same.
+/// Computes the pose from the features of this round. Returns false if a further round would give the same.
 bool take_step(const View& view, const RefinerOptions& options, int round, AlignedFeatures&& found, double alignment_ms,
                PoseCandidate& c) {
   RefinedAlignment& r = *c.result;
@@ -32,12 +32,12 @@ bool take_step(const View& view, const RefinerOptions& options, int round, Align
   c.pose = refine_pose(view.camera, view.features, r.features, c.T_10, options.pose);
   record_stage(r, "feature_alignment", c.T_10, c.pose.initial_cost, alignment_ms);
   record_stage(r, "pose", c.pose.T_10, c.pose.cost, time.ms());
-  // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
+  // A pose with few inliers may still warp the patches better than the previous one; the next round or the verdict decides.
   if (c.pose.inliers < std::max(options.pose.min_features, c.least)) return false;
   const std::vector<double> moved = motions(view, c.T_10, c.pose.T_10);
   c.T_10 = c.pose.T_10;
   const bool recoloured = recolouring.weights != r.recolouring.weights;
-  r.recolouring = recolouring;  // what the next round sees
+  r.recolouring = recolouring;  // for the next round
   return !(moved.back() <= options.round_tolerance) || (round > 0 && !same_set) || recoloured;
 }
 
@@ -70,7 +70,7 @@ void run_rounds(const Aligner& aligner, FeatureAligner& feature_aligner, const R
     const Stopwatch time;
     std::vector<AlignedFeatures> found = feature_aligner.align(tasks_of(options, pairs, active, round));
     const double ms = time.ms() / static_cast<double>(active.size());
-    std::vector<char> moves(active.size());  // each written by its own thread
+    std::vector<char> moves(active.size());  // each one is written by one thread
     for_each_of(active.size(), options.threads, [&](size_t k) {
       const View view = view_of(aligner, pairs[active[k]->pair].reference);
       moves[k] = take_step(view, options, round, std::move(found[k]), ms, *active[k]);

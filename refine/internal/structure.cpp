@@ -24,8 +24,8 @@ std::vector<double> prior_sigmas(const Features& features, double relative_sigma
   return sigmas;
 }
 
-/// Standard deviation, px, of the positions across their epipolar lines, where no depth error shows: 1.4826 times the median of
-/// |residual|, scaled up for the six parameters that the same residuals determined.
+/// The standard deviation, px, of the positions across their epipolar lines, where depth errors have no effect. It is 1.4826
+/// times the median of |residual|, scaled up for the six parameters that were estimated from the same residuals.
 double across_epipolar_sigma(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                              const SE3& T_10, const PoseOptions& options) {
   std::vector<double> across;
@@ -50,20 +50,20 @@ void StructureOptions::check() const {
 
 namespace {
 
-/// What holds a feature: where it was seen, and the weight of its depth's prior.
+/// The costs of a feature: its sighting, and the prior of its depth.
 struct FeatureCosts {
   ceres::ResidualBlockId reprojection;
   double prior;
 };
 
-/// Of the pose, and each depth's variance.
+/// The covariance of the pose, and the variance of each depth.
 struct StarCovariance {
   Matrix6d pose;
   std::vector<double> depths;
 };
 
-/// (J^T J)^-1 where every depth is joined with the pose alone: depths are eliminated by QR, each in its own rows. Nothing where
-/// the rest does not determine the pose. ceres::Covariance would say so on stderr.
+/// (J^T J)^-1 of a problem in which each depth is coupled only to the pose. QR eliminates each depth in its own rows. Nothing
+/// if the rest does not determine the pose; ceres::Covariance would print to stderr then.
 std::optional<StarCovariance> star_covariance(const ceres::Problem& problem, const std::vector<FeatureCosts>& costs) {
   const auto n = static_cast<Eigen::Index>(costs.size());
   Eigen::Matrix<double, Eigen::Dynamic, 6> rest(3 * n, 6), of_depth(n, 6);
@@ -95,13 +95,13 @@ std::optional<StarCovariance> star_covariance(const ceres::Problem& problem, con
 StructureResult refine_unit_structure(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                                       const SE3& T_10, const StructureOptions& options) {
   StructureResult result;
-  // The pose alone first: it weeds out what a free depth would explain away.
+  // First the pose alone: it rejects outliers that a free depth would explain.
   result.pose = refine_pose(camera, features, aligned, T_10, options.pose);
   result.inverse_depth = features.inverse_depth;
   result.inverse_depth_sigma = prior_sigmas(features, options.relative_sigma);
   if (!usable(result.pose.status)) return result;
 
-  // How wrong the positions are decides what the priors weigh, so it is measured first; the floor holds for exact data.
+  // The error of the positions determines the weight of the priors, so it is measured first. The floor is for exact data.
   const double sigma_0 =
       std::max(options.pose.min_sigma, across_epipolar_sigma(camera, features, aligned, result.pose.T_10, options.pose));
   const double scale = options.pose.cauchy_scale * sigma_0;
@@ -146,7 +146,7 @@ StructureResult refine_unit_structure(const Camera& camera, const Features& feat
     p.reason = "the aligned features do not determine pose and inverse depths";
     return result;
   }
-  // Priors and positions are in units of sigma_0, which was measured: it is the scale of the whole system.
+  // Priors and positions are in units of the measured sigma_0, so it is the scale of the whole system.
   p.covariance = sigma_0 * sigma_0 * covariance->pose + pose_only.shared;
   for (size_t i = 0; i < used.size(); ++i)
     result.inverse_depth_sigma[used[i].feature] = sigma_0 * std::sqrt(covariance->depths[i]);
@@ -162,7 +162,7 @@ StructureResult refine_structure(const Camera& camera, const Features& features,
   StructureResult result = refine_unit_structure(camera, in_unit(features, unit), aligned, in_unit(T_10, unit), options);
   from_unit(unit, result.pose);
   for (size_t i = 0; i < result.inverse_depth.size(); ++i) {
-    // What was not refined comes back to the bit, NaN included.
+    // Values that were not refined are returned unchanged, including NaN.
     const bool refined = result.inverse_depth[i] != features.inverse_depth[i] / unit;
     result.inverse_depth[i] =
         refined && std::isfinite(result.inverse_depth[i]) ? result.inverse_depth[i] * unit : features.inverse_depth[i];

@@ -19,13 +19,13 @@ Eigen::Matrix3d turned(const Eigen::Vector3d& phi) {
   return angle > 0 ? Eigen::AngleAxisd(angle, phi / angle).toRotationMatrix() : Eigen::Matrix3d::Identity();
 }
 
-/// Where camera 1 has the feature ahead at the time of its row.
+/// The position of the feature in camera 1 at the time of its row.
 Eigen::Vector3d seen(const RowTimes& rows, const SE3& T_10, const Eigen::Vector3d& turn, const Eigen::Vector3d& ray,
                      const RollingSighting& s) {
   return turned(-turn * rows.at(s.uv1)) * (T_10.R * ray + s.inverse_depth * T_10.t);
 }
 
-/// px, of a component: by the median, so that bad sightings do not matter.
+/// The scatter of a component in px, by the median, which is robust against bad sightings.
 double scatter(const Camera& camera, const RowTimes& rows, const TurnEstimate& estimate,
                std::span<const RollingSighting> sightings) {
   std::vector<double> distances;
@@ -43,7 +43,7 @@ double scatter(const Camera& camera, const RowTimes& rows, const TurnEstimate& e
 double TurnEstimate::chi2() const { return turn.dot(covariance.llt().solve(turn)); }
 
 double TurnEstimate::bend(const Camera& camera) const {
-  const double radius = std::max(camera.width, camera.height) / 4.0;  // of an ordinary pixel about the optical axis
+  const double radius = std::max(camera.width, camera.height) / 4.0;  // of a typical pixel from the optical axis
   return Eigen::Vector3d(turn.x() * camera.fy, turn.y() * camera.fx, turn.z() * radius).norm() / 2;
 }
 
@@ -96,7 +96,7 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const RowTimes& 
       A << JRT * s.inverse_depth, -JRT * hat(ray), at * J * hat(p);
       Eigen::Vector2d r = s.uv1 - camera.project(p);
       if (s.inverse_depth_sigma > 0) {
-        // What is wrong in a depth moves the feature along its epipolar line, as a turn would.
+        // A depth error moves the feature along its epipolar line, as a turn may do.
         const Eigen::Vector2d moved = s.inverse_depth_sigma * (JR * T.t);
         const Eigen::LLT<Eigen::Matrix2d> noise(sigma * sigma * Eigen::Matrix2d::Identity() + moved * moved.transpose());
         noise.matrixL().solveInPlace(A);
@@ -107,7 +107,7 @@ std::optional<TurnEstimate> estimate_turn(const Camera& camera, const RowTimes& 
       }
       const double w = 1 / (1 + r.squaredNorm() / (ICLK_TURN_CAUCHY * ICLK_TURN_CAUCHY));
       const Eigen::Matrix<double, 9, 2> weighted = w * A.transpose();
-      H += weighted.lazyProduct(A);  // as a product of matrices that Eigen takes for large, half of the time
+      H += weighted.lazyProduct(A);  // the general product of Eigen takes half of the time
       b += weighted.lazyProduct(r);
     }
     H.bottomRightCorner<3, 3>().diagonal().array() += prior;

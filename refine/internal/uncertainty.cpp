@@ -16,9 +16,9 @@
 namespace iclk::internal {
 namespace {
 
-constexpr double kFreedom = 3;  // of Student's t
+constexpr double kFreedom = 3;  // degrees of freedom of Student's t
 
-/// q du1 / dq, px: where a relative error of the inverse depth leads.
+/// q du1 / dq, px: the motion per relative error of the inverse depth.
 Eigen::Vector2d along_epipolar(const Camera& camera, const Observation& o, const SE3& T_10) {
   const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
   return camera.project_jacobian(p) * T_10.t * o.q;
@@ -27,11 +27,11 @@ Eigen::Vector2d along_epipolar(const Camera& camera, const Observation& o, const
 struct Sample {
   Eigen::Vector2d r, along;
   Eigen::Matrix2d covariance;
-  double own = 0;  // relative sigma of the feature's own inverse depth; 0: not known
+  double own = 0;  // relative sigma given for the feature's inverse depth; 0: unknown
 };
 
 double minus_log_likelihood(std::span<const Sample> samples, double floor, double depth, double share) {
-  double sum = 0, product = 1;  // a logarithm of many factors at once: this is asked a hundred times a pair
+  double sum = 0, product = 1;  // one logarithm for many factors: this runs a hundred times per pair
   for (const Sample& s : samples) {
     const double sigma = s.own > 0 ? s.own : depth;
     const Eigen::Matrix2d C =
@@ -49,14 +49,14 @@ double minus_log_likelihood(std::span<const Sample> samples, double floor, doubl
   return 0.5 * (sum + std::log(product));
 }
 
-/// SharedErrors::calibration by the residuals `y`: their Jacobian by the pose is J, by the calibration `calibration`.
+/// SharedErrors::calibration from the residuals `y`, with their Jacobians J by the pose and `calibration` by the calibration.
 double calibration_sigma(const Eigen::MatrixXd& J, const Eigen::MatrixXd& calibration, const Eigen::VectorXd& y,
                          double variance) {
   const Eigen::HouseholderQR<Eigen::MatrixXd> qr(J);
   const Eigen::MatrixXd Q = qr.householderQ() * Eigen::MatrixXd::Identity(J.rows(), 6);
   const Eigen::MatrixXd seen = calibration - Q * (Q.transpose() * calibration);
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> eigen(seen.transpose() * seen);
-  // Along the eigenvectors the restricted likelihood falls apart into three of one variable each.
+  // Along the eigenvectors the restricted likelihood is a product of three one-dimensional ones.
   const Eigen::Vector3d s = eigen.eigenvalues(), b = eigen.eigenvectors().transpose() * (seen.transpose() * y);
   constexpr int kSigmas = 10;
   std::array<double, kSigmas + 1> tau{}, log_weight{};
@@ -64,7 +64,7 @@ double calibration_sigma(const Eigen::MatrixXd& J, const Eigen::MatrixXd& calibr
     if (k > 0) tau[k] = std::pow(0.02 * std::pow(100.0, static_cast<double>(k - 1) / (kSigmas - 1)), 2);
     log_weight[k] = k == 0 ? std::log(kSigmas) : 0;  // half of the prior's weight
     for (int j = 0; j < 3; ++j) {
-      if (4 * s[j] < 1e-4 * variance) continue;  // not even 2 px show; of a plane one direction is rounding alone
+      if (4 * s[j] < 1e-4 * variance) continue;  // even 2 px have no effect; for a plane, one direction is only rounding
       const double v = variance + tau[k] * s[j];
       log_weight[k] -= 0.5 * (std::log(v) + b[j] * b[j] / (s[j] * v));
     }
@@ -92,7 +92,7 @@ PositionErrors position_errors(const Camera& camera, std::span<const Observation
   PositionErrors best{options.min_sigma, 0};
   if (samples.empty()) return best;
   const double n = 2 * static_cast<double>(samples.size());
-  const double share = std::max(n - 6, 1.0) / n;  // six parameters have taken the rest
+  const double share = std::max(n - 6, 1.0) / n;  // six parameters were estimated
   struct Candidate {
     double floor, depth, cost;
   };
@@ -101,7 +101,7 @@ PositionErrors position_errors(const Camera& camera, std::span<const Observation
   double least = std::numeric_limits<double>::infinity();
   const bool unknown = std::any_of(samples.begin(), samples.end(), [](const Sample& s) { return !(s.own > 0); });
   for (int d = 0; d <= (unknown && options.max_depth_sigma > 0 ? kDepths : 0); ++d) {
-    // None; and from a sixty-fourth of the largest, by factors of 1.68.
+    // Zero, and from 1/64 of the largest value in factors of 1.68.
     const double depth =
         d == 0 ? 0 : options.max_depth_sigma * std::pow(64.0, static_cast<double>(d - kDepths) / (kDepths - 1));
     for (int f = 0; f < kFloors; ++f) {
@@ -132,7 +132,7 @@ void whiten(const Camera& camera, std::span<Observation> observations, const SE3
 
 SharedErrors shared_errors(const Camera& camera, std::span<const Observation> observations, const SE3& T_10, double scale,
                            double relative_depth, std::optional<double> camera_sigma) {
-  // Rows are whitened and weighted as the M-estimator has them; columns: six of the pose, then the shared parameters.
+  // Rows are whitened and weighted as in the M-estimator. Columns: six of the pose, then the shared parameters.
   const auto rows = static_cast<Eigen::Index>(2 * observations.size());
   Eigen::MatrixXd J = Eigen::MatrixXd::Zero(rows, 6), calibration = Eigen::MatrixXd::Zero(rows, 3);
   Eigen::VectorXd depth = Eigen::VectorXd::Zero(rows), y = Eigen::VectorXd::Zero(rows);
@@ -194,7 +194,7 @@ Matrix6d depth_covariance(const Camera& camera, const Features& features, std::s
   }
   const Vector6d diagonal = H.diagonal();
   if (!(diagonal.minCoeff() > 0)) return Matrix6d::Zero();
-  const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();  // metres beside radians
+  const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();  // for metres and radians
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(unit.asDiagonal() * H * unit.asDiagonal());
   if (!(eigen.eigenvalues()(0) > ICLK_LEAST_EIGENVALUE)) return Matrix6d::Zero();
   const Matrix6d inverse = unit.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *

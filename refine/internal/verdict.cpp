@@ -21,7 +21,7 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   if (e.inliers < needed) {
     why << "the features do not confirm the pose: " << e.inliers << " agree on it, " << needed << " of " << e.candidates
         << " with texture inside the target needed; " << summary(features);
-    // Enough were found to confirm the pose, and did not. A tracker weighs such a pose by its guess.
+    // Enough features were found to confirm the pose, but they do not. With a first guess, the tracker decides.
     const bool refuted = !e.guessed && e.aligned >= needed && e.inliers < ICLK_REFUTED_SHARE * e.aligned;
     return end(Status::diverged, !refuted);
   }

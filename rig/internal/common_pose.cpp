@@ -26,7 +26,7 @@ double median(std::vector<double> values) {
   return *middle;
 }
 
-/// Votes to begin at: all, or so many that were drawn, the same ones every time.
+/// The votes to start at: all, or a reproducible random sample.
 std::vector<size_t> candidates(size_t votes) {
   std::vector<size_t> order(votes);
   std::iota(order.begin(), order.end(), size_t{0});
@@ -63,7 +63,7 @@ SE3 common_pose(std::vector<PoseVote>& votes) {
       PoseVote& v = votes[k];
       v.distance = distances[k] / spread;
       v.weight = 1 / (1 + v.distance / kHalf);
-      // e(xi) = Log(T_i^-1 T Exp(xi)) = e + J_r^-1(e) xi; far off the series is no good, and the weight is small.
+      // e(xi) = Log(T_i^-1 T Exp(xi)) = e + J_r^-1(e) xi; the series is inaccurate for large e, but then the weight is small.
       const Vector6d e = (v.T.inverse() * T).log();
       const Matrix6d J = e.norm() < 0.5 ? inverse_right_jacobian(e) : Matrix6d::Identity();
       const Matrix6d JtI = J.transpose() * covariances[k].solve(Matrix6d::Identity());

@@ -13,8 +13,8 @@
 namespace iclk::internal {
 namespace {
 
-constexpr double kCauchyScale = 2;    // a residual of so many standard deviations has half the weight
-constexpr double kLeastDepth = 1e-3;  // of a point in the camera that sees it, times its inverse depth
+constexpr double kCauchyScale = 2;    // a residual of this many standard deviations has half the weight
+constexpr double kLeastDepth = 1e-3;  // of a point in the observing camera, times its inverse depth
 
 /// W (project(p) - uv), p = R_j^T (R_i ray + q (t_i - t_j)): the point in camera j, times q.
 class SightingCost final : public ceres::SizedCostFunction<2, 12, 12, 1> {
@@ -96,7 +96,7 @@ bool seen(const SE3& T_i, const SE3& T_j, const Eigen::Vector3d& ray, double q) 
   return (T_j.R.transpose() * (T_i.R * ray + q * (T_i.t - T_j.t))).z() > 2 * kLeastDepth;
 }
 
-/// A bundle as Ceres solves it.
+/// A bundle as a problem of Ceres.
 class Bundle {
  public:
   Bundle(const Camera& camera, std::span<const BundleFrame> frames, double floor)
@@ -108,7 +108,7 @@ class Bundle {
     }
   }
 
-  /// Whether it says anything.
+  /// Adds a sighting. Returns whether it is usable.
   bool add(const BundleSighting& s) {
     const auto i = static_cast<size_t>(s.frame), j = static_cast<size_t>(s.seen_in), k = static_cast<size_t>(s.feature);
     const BundleFrame& frame = frames_[i];
@@ -146,7 +146,7 @@ class Bundle {
     return summary;
   }
 
-  /// Of the frames that are not fixed.
+  /// Copies the results to the frames that are not fixed.
   void read(std::span<BundleFrame> frames) const {
     for (size_t i = 0; i < frames.size(); ++i) {
       if (frames[i].fixed) continue;
@@ -183,7 +183,7 @@ class Bundle {
   std::span<const BundleFrame> frames_;
   double floor_;
   std::vector<PoseBlock> poses_;
-  // Ceres orders what it eliminates by address: in one piece, so that the same bundle gives the same bits.
+  // Ceres orders eliminated parameters by address. They are in one array, so that equal bundles give bit-identical results.
   std::vector<double> depths_;
   std::vector<size_t> first_depth_;
   ceres::Problem problem_;

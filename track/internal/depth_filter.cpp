@@ -10,7 +10,7 @@ namespace iclk::internal {
 namespace {
 
 constexpr double kLeastDepth = 1e-3;  // of the point in camera 1, times its inverse depth
-constexpr int kSteps = 3;             // weights of the linear solution are nearly right
+constexpr int kSteps = 3;             // the weights of the linear solution are nearly right
 
 }  // namespace
 
@@ -40,7 +40,7 @@ std::optional<DepthSighting> triangulate(const Camera& camera, const Eigen::Vect
     const double information = J.dot(weight * J), correction = J.dot(weight * residual) / information;
     q += correction;
     out.sigma = 1 / std::sqrt(information);
-    // What the correction does not take away.
+    // The residual after the correction.
     const double chi2 = residual.dot(weight * residual) - correction * correction * information;
     out.off_line = std::sqrt(std::max(0.0, chi2));
   }

@@ -10,10 +10,10 @@ namespace iclk::internal {
 namespace {
 
 constexpr double kLeastTexture = 1e-5;  // smaller eigenvalue of the mean gradient matrix, (grey / px)^2
-/// Of its depth, that a patch's depths may have; beyond it is a depth edge, and taken last.
+/// The largest relative spread of a patch's depths. More is a depth edge, which is used last.
 constexpr double kSpread = 0.05;
 
-/// Sums of 7x7 products of gradients give the smaller eigenvalue of their mean matrix, at every pixel.
+/// The smaller eigenvalue of the mean gradient matrix over 7x7 pixels, at every pixel.
 Map texture_of(const Map& grey) {
   constexpr int kReach = 3;
   const int w = grey.width, h = grey.height;
@@ -25,7 +25,7 @@ Map texture_of(const Map& grey) {
       xy.at(u, v) = gu * gv;
       yy.at(u, v) = gv * gv;
     }
-  // A box is a row's sum and then a column's, each updated by what enters and leaves.
+  // A box filter: running sums of rows, then of columns.
   const auto box = [&](Map& m) {
     std::vector<float> line(static_cast<size_t>(std::max(w, h)));
     const auto slide = [&](int n, auto at) {
@@ -51,7 +51,7 @@ Map texture_of(const Map& grey) {
   return out;
 }
 
-/// Whether the patch about a pixel has depth everywhere, and one.
+/// Whether the patch around a pixel has depth everywhere, without an edge.
 bool smooth(const ImageView& depth, int u, int v) {
   double low = INFINITY, high = 0;
   for (int y = v - ICLK_PATCH_BEFORE; y < v - ICLK_PATCH_BEFORE + ICLK_PATCH; ++y)
@@ -69,7 +69,7 @@ struct Corner {
   bool edge;  ///< of depth
 };
 
-/// What is no maximum of its 3x3 neighbourhood is no corner.
+/// Whether a pixel is the maximum of its 3x3 neighbourhood, as a corner must be.
 bool peak(const Map& texture, int u, int v) {
   const float t = texture.at(u, v);
   for (int y = v - 1; y <= v + 1; ++y)
@@ -78,8 +78,8 @@ bool peak(const Map& texture, int u, int v) {
   return true;
 }
 
-/// Per cell of a lattice the corners with the most texture, round by round; those that `admit` says are edges come last. Places
-/// near `taken` stay free.
+/// Chooses the corners with the most texture in each cell of a lattice, round by round. Those that `admit` marks as edges come
+/// last. Places near `taken` stay free.
 template <class Admit>
 std::vector<Eigen::Vector2d> pick(const Map& grey, int count, int wanted_border, std::vector<Eigen::Vector2d> taken,
                                   const Admit& admit) {
@@ -109,7 +109,7 @@ std::vector<Eigen::Vector2d> pick(const Map& grey, int count, int wanted_border,
     });
   };
   const size_t before = taken.size(), most = before + static_cast<size_t>(count);
-  // A corner a cell and round; depth edges of a cell behind all others of every cell.
+  // One corner per cell and round; depth edges come after all other corners of all cells.
   for (const bool edges : {false, true})
     for (bool found = true; found && taken.size() < most;) {
       found = false;
@@ -126,7 +126,7 @@ std::vector<Eigen::Vector2d> pick(const Map& grey, int count, int wanted_border,
   return {taken.begin() + static_cast<std::ptrdiff_t>(before), taken.end()};
 }
 
-/// Whether every pixel of the patch is seen.
+/// Whether no pixel of the patch is masked.
 bool seen(const ImageView& mask, int u, int v) {
   if (mask.empty()) return true;
   for (int y = v - ICLK_PATCH_BEFORE; y < v - ICLK_PATCH_BEFORE + ICLK_PATCH; ++y)

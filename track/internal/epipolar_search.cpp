@@ -15,13 +15,14 @@ namespace {
 
 constexpr double kStep = 1.5;               // px between two places of the line
 constexpr int kMostSteps = 160;             // a longer line is not searched
-constexpr double kLeastCorrelation = 0.85;  // of what is believed
-constexpr double kLeastLead = 0.05;         // of its correlation before that of any other place that is no neighbour
+constexpr double kLeastCorrelation = 0.85;  // of an accepted match
+constexpr double kLeastLead = 0.05;         // of its correlation over that of all places that are not neighbours
 constexpr double kNeighbourhood = 4;        // px
 constexpr int kPatch = ICLK_PATCH, kArea = kPatch * kPatch;
 constexpr double kCentre = 0.5 * (kPatch - 1);
 
-/// The patch about c, warped by A^-1, without its mean and of length 1. False where it leaves the image, is hidden or flat.
+/// Samples the patch around c, warped by A^-1, minus its mean and normalised to length 1. Returns false if it leaves the image,
+/// is hidden or flat.
 bool sample(const Map& map, const Eigen::Vector2d& c, const Eigen::Matrix2d& A_inverse, std::array<float, kArea>& out) {
   double sum = 0;
   for (int k = 0; k < kArea; ++k) {
@@ -44,8 +45,8 @@ bool sample(const Map& map, const Eigen::Vector2d& c, const Eigen::Matrix2d& A_i
   return true;
 }
 
-/// The step of the line from `from` to `from + line` at which the patch of image 0 correlates best; nothing where no place
-/// looks like it, or two do.
+/// The step of the line from `from` to `from + line` at which the patch of image 0 correlates best. Nothing if no place or more
+/// than one looks like it.
 std::optional<int> best_step(const Map& f0, const Map& f1, const Eigen::Vector2d& uv0, const Eigen::Matrix2d& A_inverse,
                              const Eigen::Vector2d& from, const Eigen::Vector2d& line, int steps) {
   std::array<float, kArea> reference, patch;
@@ -59,7 +60,7 @@ std::optional<int> best_step(const Map& f0, const Map& f1, const Eigen::Vector2d
   }
   const auto best = static_cast<int>(std::max_element(score.begin(), score.end()) - score.begin());
   const double most = score[static_cast<size_t>(best)];
-  // A place between two steps is less alike than it will be.
+  // A place between two steps may have a higher correlation.
   if (most < kLeastCorrelation - 3 * kLeastLead) return {};
   for (int i = 0; i <= steps; ++i)
     if (std::abs(i - best) * line.norm() / steps > kNeighbourhood && score[static_cast<size_t>(i)] > most - kLeastLead)

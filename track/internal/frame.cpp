@@ -41,7 +41,7 @@ void Frame::see(const TrackFrame& unrolled) {
 }
 
 const Pyramid& Frame::levels(int least) {
-  levels_.reserve(kFeatureAlignmentLevels);  // references to levels stay good
+  levels_.reserve(kFeatureAlignmentLevels);  // references to levels stay valid
   if (levels_.empty()) levels_.push_back(grey_map(seen_.image));
   while (static_cast<int>(levels_.size()) < least) levels_.push_back(half_size(levels_.back()));
   return levels_;

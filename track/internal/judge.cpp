@@ -7,31 +7,31 @@
 namespace iclk::internal {
 namespace {
 
-constexpr double kCorrelation = 0.75;  ///< of the images, at a pose that is credible
+constexpr double kCorrelation = 0.75;  ///< of the images, at a credible pose
 constexpr double kMotion = 0.06;       ///< of the image's width
 
-/// So little is left of a keyframe that a frame must become one, blurred or not.
+/// With a smaller visible share of its keyframe, a frame must become one, even if it is blurred.
 constexpr double kLittleVisible = 0.5;
-/// Of the image's width: a frame in which features moved farther becomes one.
+/// A frame in which features moved farther becomes a keyframe; share of the image's width.
 constexpr double kMostFlow = 0.15;
-/// A frame without depth becomes a keyframe if features moved so much, as a share of the image's width, and if so few inliers,
-/// times min_inliers or of those visible, are left.
+/// A frame without depth becomes a keyframe if features moved by this share of the image's width and few inliers are left: as a
+/// factor of min_inliers or a share of the visible features.
 constexpr double kSomeFlow = 0.03, kFewOfVisible = 0.5;
 constexpr int kFewInliers = 3;
-/// Frames with depth may be rare: one takes over from a keyframe that lacks it when features moved so much.
+/// Frames with depth may be rare: one replaces a keyframe without depth when features moved this far.
 constexpr double kLittleFlow = 0.01;
-/// A camera that went so far that the keyframe's depths are wrong by so many px shows it: features are found, but do not agree.
-/// Below a half of them would confirm no pose.
+/// If the camera moved so far that the keyframe's depth errors reach this many px, features are found but do not agree. Less
+/// than half of them would confirm no pose.
 constexpr double kCoarse = 1, kFewOfFound = 0.6;
-/// A frame whose gradients have less of the keyframe's energy is blurred, and becomes none unless it has to.
+/// A frame whose gradients have a smaller share of the keyframe's energy is blurred. It becomes a keyframe only if it must.
 constexpr double kSharp = 0.7;
-/// Other places have less texture: where features dwindle, a frame without depth may be less sharp than its keyframe, but not
-/// than the frame before.
+/// Other places have less texture. If features become few, a frame without depth may be less sharp than its keyframe, but not
+/// less sharp than the previous frame.
 constexpr double kAsSharp = 0.9;
-/// A frame that is so much sharper than its keyframe is the better one.
+/// A frame that is sharper than its keyframe by this factor replaces it.
 constexpr double kMuchSharper = 1.3;
 
-/// The features that are found in a frame do not agree, since the keyframe's depths are too coarse for how far it is.
+/// Whether the features of a frame do not agree because the keyframe's depths are too inaccurate for its distance.
 bool disagree(const Camera& camera, const Keyframe& k, const RefinedAlignment& a) {
   const auto found =
       std::count_if(a.features.begin(), a.features.end(), [](const auto& f) { return f.status == FeatureStatus::aligned; });
@@ -39,8 +39,8 @@ bool disagree(const Camera& camera, const Keyframe& k, const RefinedAlignment& a
   return std::abs(camera.fx) * a.T_10.t.norm() * sum > kCoarse * count && a.inliers < kFewOfFound * static_cast<double>(found);
 }
 
-/// The keyframe's features are worth less than new ones. A sensor's depths are better than those by motion; without them
-/// features can only be carried over while they are found.
+/// Whether the keyframe's features are worse than new ones. Depths of a sensor are better than depths by motion. Without a
+/// sensor, features can be carried over only while they are found.
 bool worn(const Camera& camera, int min_inliers, bool depth, const Keyframe& k, const RefinedAlignment& a, double flow) {
   const bool moved = flow > kSomeFlow * camera.width;
   if (!depth) return moved && (a.inliers < kFewInliers * min_inliers || a.inliers < kFewOfVisible * a.visible);
@@ -51,7 +51,7 @@ bool worn(const Camera& camera, int min_inliers, bool depth, const Keyframe& k, 
 
 bool Judge::credible(const RefinedAlignment& a, const Keyframe& k, const SE3& expected) const {
   if (!a.converged() || a.refined || a.iclk.correlation < kCorrelation) return false;
-  // How far what the frame shows in its corners moved from where it was expected, at the keyframe's mean depth.
+  // The motion of the frame's corners from their expected positions, at the keyframe's mean depth.
   const SE3 off = expected.inverse() * (k.T_WC * a.T_10.inverse());
   const double z = 1 / mean_inverse_depth(k), w = camera.width - 1, h = camera.height - 1;
   for (const Eigen::Vector2d& uv :

@@ -6,10 +6,10 @@
 namespace iclk::internal {
 namespace {
 
-/// A keyframe that shows so much more of a frame takes over, if it finds most of the features: every other one adds an error of
-/// its own.
+/// Another keyframe replaces the current one if it shows this much more of the frame and finds most of the features. Each
+/// change of the keyframe adds an error.
 constexpr double kMoreVisible = 0.1, kMostInliers = 0.8;
-/// Of a keyframe's features, to be tried: where a frame is expected, and where it was lost.
+/// The least visible share of features of a keyframe that is tried: at the expected pose, and at the pose of a lost frame.
 constexpr double kLeastVisible = 0.3, kLeastVisibleLost = 0.2;
 constexpr size_t kOthers = 3;
 
@@ -43,7 +43,7 @@ std::optional<Found> Locator::try_others(const TrackFrame& frame, const Motion& 
   };
   for (const int id : keyframes_.best(search.expected, kOthers, kLeastVisible))
     if (id != state.current) add(id, search.expected, false);
-  if (!search.weak) {  // else the alignment came to an end that is as good as it gets with the current one
+  if (!search.weak) {  // else the current keyframe has already given its best pose
     if (motion.velocity) add(state.current, motion.last->T_WC, false);
     add(state.current, search.expected, true);
   }
@@ -55,7 +55,7 @@ std::optional<Found> Locator::try_others(const TrackFrame& frame, const Motion& 
 
 std::optional<Found> Locator::credible(const Search& search, double visible) {
   if (!search.weak) return {};
-  const Keyframe* k = keyframes_.find(search.weak->keyframe);  // it may have left for a new one
+  const Keyframe* k = keyframes_.find(search.weak->keyframe);  // a new keyframe may have replaced it
   return k && overlap(camera_, *k, search.expected).visible > visible ? search.weak : std::nullopt;
 }
 

@@ -14,30 +14,30 @@
 namespace iclk::internal {
 namespace {
 
-/// Of the features that a sensor leaves to be found, those that others may bring: what is new needs places, too.
+/// The share of the missing features that other keyframes may contribute, so that new features find places, too.
 constexpr double kCarried = 0.6;
-/// Of an inverse depth that comes without one.
+/// The relative sigma of an inverse depth without one.
 constexpr double kRelativeSigma = 0.02;
 constexpr double kInlierDistance = PoseOptions().inlier_distance;
-/// What is seen at once, beyond the depths that are known: shares of the 5th and the 95th percentile.
+/// The range of a seed's inverse depth, as factors of the 5th and the 95th percentile of known ones.
 constexpr double kFarther = 0.6, kNearer = 1.6;
-constexpr size_t kNearest = 5;  ///< known features that say where a seed may begin
-/// px: what a position is wrong by beyond its photometric noise, and how much a seed's sigma has to move it to be looked for.
+constexpr size_t kNearest = 5;  ///< known features from which a seed is initialised
+/// px: the error of a position beyond its photometric noise, and the least motion by a seed's sigma that is worth a search.
 constexpr double kFloor = 0.3, kWorthwhile = 0.3;
 constexpr double kReach = 2;     ///< standard deviations of a seed that are searched
-constexpr size_t kLookBack = 3;  ///< neighbours in which a new keyframe's seeds are looked for: those that are most alike
+constexpr size_t kLookBack = 3;  ///< the most similar neighbours, in which a new keyframe's seeds are searched for
 constexpr double kOffLine = 3;   ///< standard deviations from the epipolar line
-/// A seed is known if its sigma is below this share of the mean inverse depth: what moves a feature in the image is sigma times
-/// the camera's motion, whatever its depth.
+/// A seed is known if its sigma is below this share of the mean inverse depth. The motion of a feature in the image is sigma
+/// times the camera's motion, at every depth.
 constexpr double kKnown = 0.05;
 constexpr double kGoodShare = 0.55, kBadShare = 0.3;
-constexpr int kWorthIt = 5;  ///< new features, to prepare a keyframe anew
+constexpr int kWorthIt = 5;  ///< new features that are worth preparing a keyframe again
 
 bool has_depth(const ImageView& depth, const Eigen::Vector2d& uv) {
   return !depth.empty() && depth_at(depth, static_cast<int>(std::lround(uv.x())), static_cast<int>(std::lround(uv.y()))) > 0;
 }
 
-/// A feature of another keyframe, as a frame has it.
+/// A feature of another keyframe, transferred to a frame.
 struct Candidate {
   Eigen::Vector2d uv;
   double q, sigma;
@@ -63,7 +63,7 @@ std::optional<Candidate> candidate(const Camera& camera, const Neighbour& n, siz
   return Candidate{f.uv1, q1, std::hypot(of_depth, of_pose)};
 }
 
-/// The median of the nearest features' inverse depths.
+/// The median of the inverse depths of the nearest features.
 double depth_about(const Features& known, const Eigen::Vector2d& uv) {
   std::vector<std::pair<double, size_t>> near;
   for (size_t i = 0; i < known.uv.size(); ++i) near.emplace_back((known.uv[i] - uv).squaredNorm(), i);
@@ -133,13 +133,13 @@ void Seeder::look_for(Keyframe::Seed& seed, const Pyramid& f1, const SE3& T_10, 
     filter.miss();
 }
 
-/// Looks for the seeds of the keyframe in another image.
+/// Searches for the seeds of the keyframe in another image.
 void Seeder::sight(Keyframe& k, const Pyramid& f1, const SE3& T_10, const Matrix6d& covariance) const {
   for (Keyframe::Seed& seed : k.seeds) look_for(seed, f1, T_10, covariance);
   std::erase_if(k.seeds, [](const Keyframe::Seed& s) { return s.filter.inlier_share() < kBadShare || !(s.filter.mean > 0); });
 }
 
-/// Makes features of the seeds that are known by now, if there are so many.
+/// Makes features of the seeds that are known now, if there are at least `least`.
 bool Seeder::harvest(Keyframe& k, int least) const {
   const double enough = kKnown * mean_inverse_depth(k);
   const auto known = [&](const Keyframe::Seed& s) {

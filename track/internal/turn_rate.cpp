@@ -9,16 +9,16 @@
 namespace iclk::internal {
 namespace {
 
-/// Changes of a camera's rate: that are counted, that tell something, and the least that is believed. rad/s.
+/// Changes of the turn rate: the number that is averaged, the least number for an estimate, and its lower bound in rad/s.
 constexpr int kChanges = 30, kLeastChanges = 3;
 constexpr double kLeastChange = 0.01;
-/// rad/s: how far a hand turns a camera otherwise than the frame before let it be.
+/// rad/s: the change of the turn rate between frames of a hand-held camera.
 constexpr double kHandSigma = 1;
-/// A camera that turns slower says nothing of its readout. rad/s.
+/// The least turn rate from which the readout is estimated, rad/s.
 constexpr double kLeastRate = 0.2;
-/// rad: what is wrong in turns besides the positions.
+/// rad: the error of turns apart from that of positions.
 constexpr double kTurnNoise = 2e-3;
-/// s: a bin of the frames' votes, kVotes of them on each side of zero.
+/// s: the width of a bin of votes; there are kVotes bins on each side of zero.
 constexpr double kVote = 5e-4;
 constexpr int kVotes = 200;
 constexpr double kLeastFrames = 5;
@@ -53,7 +53,7 @@ void ReadoutEstimate::add(const Eigen::Vector3d& turn, double sigma, const Eigen
   weight2_ += weight * weight;
 }
 
-/// Within the bin as if its votes lay evenly.
+/// Interpolates as if the votes of a bin were uniform.
 double ReadoutEstimate::quantile(double share) const {
   double below = 0;
   for (size_t i = 0; i < votes_.size(); ++i) {
@@ -67,7 +67,7 @@ double ReadoutEstimate::quantile(double share) const {
 double ReadoutEstimate::seconds() const { return quantile(0.5); }
 
 double ReadoutEstimate::sigma() const {
-  const double frames = weight_ > 0 ? weight_ * weight_ / weight2_ : 0;  // that count
+  const double frames = weight_ > 0 ? weight_ * weight_ / weight2_ : 0;  // the effective number of frames
   if (frames < kLeastFrames) return std::numeric_limits<double>::infinity();
   const double spread = (quantile(0.84) - quantile(0.16)) / 2;
   return 1.25 * spread / std::sqrt(frames);  // of a median

@@ -10,16 +10,16 @@
 namespace iclk::internal {
 namespace {
 
-/// Between nodes of a grid the source is interpolated: over so few pixels the way of a turning camera is straight.
+/// The source is interpolated between nodes of a grid. Over so few pixels, the motion by a turning camera is linear.
 constexpr int kCell = 16;
-constexpr int kRounds = 3;  // row of the source and the camera's turn at that row, in turns
+constexpr int kRounds = 3;  // iterations: the row of the source, and the turn of the camera at that row
 constexpr double kLeastZ = 1e-3;
 
 Eigen::Matrix3d turned(const Eigen::Vector3d& phi) {
   return SE3::exp((Vector6d() << Eigen::Vector3d::Zero(), phi).finished()).R;
 }
 
-/// Where the pixel of a camera that stands still is found in the frame, and its depth there in relation to here.
+/// The position in the frame of a pixel of the global shutter camera, and the ratio of their depths.
 struct Source {
   Eigen::Vector2f uv;
   float depth_ratio = 1;
@@ -38,7 +38,7 @@ Source source_of(const Camera& camera, const RowTimes& rows, const Eigen::Vector
   return {at.cast<float>(), static_cast<float>(z)};
 }
 
-/// source_of() all pixels.
+/// source_of() for all pixels.
 class Sources {
  public:
   Sources(const Camera& camera, const RowTimes& times, const Eigen::Vector3d& turn) : columns_((camera.width - 1) / kCell + 2) {
@@ -102,7 +102,7 @@ void sample_row(const ImageView& image, const std::vector<Source>& sources, uint
   }
 }
 
-/// The nearest integer of what lies within 2^20 of zero; std::floor is a call of a library.
+/// The nearest integer of a value within 2^20 of zero. std::floor would be a library call.
 int nearest(float x) {
   constexpr int kAway = 1 << 20;
   return static_cast<int>(static_cast<double>(x) + 0.5 + kAway) - kAway;

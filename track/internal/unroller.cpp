@@ -7,18 +7,18 @@
 namespace iclk::internal {
 namespace {
 
-/// px at the first and the last row: an image that was unrolled so much wrongly is unrolled again.
+/// px at the first and the last row: an image with a larger remaining bend is unrolled again.
 constexpr double kBend = 0.3;
 constexpr int kAgain = 2;
-/// Of the features that agreed before: else the image has to be looked at again.
+/// The least share of the previous inliers; with fewer, the image is aligned again.
 constexpr double kStillFound = 0.9;
-/// Steps between poses say how fast a camera turns only so far apart.
+/// The longest step between poses that gives a turn rate.
 constexpr double kLongestStep = 0.25;  // s
 constexpr double kLeastSigma = 0.1;    // px
-/// rad: so far at most may a camera turn that nothing is known of.
+/// rad: the prior sigma of a turn.
 constexpr double kTurnSigma = 0.1;
 
-/// By the step from the last frame; nothing where that is too long ago.
+/// The turn rate from the step since the last frame; nothing if that is too long ago.
 std::optional<Eigen::Vector3d> step_rate(const Motion& motion, double time, const SE3& T_WC) {
   const double seconds = time - motion.last->time;
   if (motion.lost || seconds > kLongestStep) return {};
@@ -57,8 +57,8 @@ std::optional<TurnEstimate> Unroller::seen_turn(const Keyframe& k, const Refined
   return estimate_turn(camera_, rows_, a.T_10, turn_0, sightings, std::max(a.sigma, kLeastSigma), kTurnSigma);
 }
 
-/// By the step and by how the image, unrolled with the rate, is still bent. A turn is seen in relation to the keyframe's.
-/// Without the step, turns that are a little wrong would add up from one keyframe to the next.
+/// The turn rate from the step and from the remaining bend of the unrolled image. The bend is relative to that of the keyframe.
+/// Without the step, small errors of turns would accumulate from keyframe to keyframe.
 TurnRate Unroller::rate_by(const std::optional<Eigen::Vector3d>& step, const Keyframe& k,
                            const std::optional<TurnEstimate>& seen) const {
   const TurnRate by_step{step.value_or(Eigen::Vector3d::Zero()), step ? state.changes.sigma() : RateChanges().sigma()};
@@ -67,8 +67,8 @@ TurnRate Unroller::rate_by(const std::optional<Eigen::Vector3d>& step, const Key
   return by_step.with(state.rate + seen->turn / readout_, covariance / (readout_ * readout_));
 }
 
-/// The pose by the features that were found, as they lie with the rate `now`; without looking at the image again. False if
-/// they agree no longer.
+/// The pose from the aligned features, moved according to the rate `now`, without a new alignment. Returns false if they do not
+/// agree any more.
 bool Unroller::pose_with(const Eigen::Vector3d& now, const Keyframe& k, Found& found) const {
   if (!found.confirmed) return false;
   RefinedAlignment a = found.alignment;
@@ -86,7 +86,7 @@ bool Unroller::pose_with(const Eigen::Vector3d& now, const Keyframe& k, Found& f
   return true;
 }
 
-/// The same by the image, as it is seen with that rate.
+/// The same with a new alignment of the image, unrolled with that rate.
 bool Unroller::align_with(const Eigen::Vector3d& now, Frame& frame, const Keyframe& k, const SE3& T_WC, Found& found) {
   see(frame, now);
   RefinedAlignment a = refiner_.align(pair_of(k, frame.seen(), T_WC));
@@ -123,7 +123,7 @@ void Unroller::learn(const Frame& frame, const Keyframe& k, const Found& found, 
     const TurnRate now = rate_by(step, k, found.confirmed ? seen_turn(k, found.alignment, k.turn) : std::nullopt);
     state.bent = {(now.rate - state.rate) * readout_, now.sigma * std::abs(readout_), Eigen::Vector3d::Zero()};
   }
-  // By the step it would be what the readout given lets it be.
+  // The estimate from the step would depend on the given readout.
   const auto seen = found.confirmed ? seen_turn(k, found.alignment, k.seen_turn) : std::nullopt;
   if (seen && step) state.bent.seen = seen->turn;
   if (!step) {

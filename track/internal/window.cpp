@@ -8,7 +8,7 @@
 namespace iclk::internal {
 namespace {
 
-/// Of a pose that nothing but the alignment itself speaks for: rad, and the same seen at the mean depth.
+/// The sigma of an unconfirmed pose: rad, and the equivalent translation at the mean depth.
 constexpr double kWeakSigma = 0.03;
 constexpr double kLeastVisible = 0.3;  ///< of a neighbour's features
 constexpr double kFloor = 0.5;         ///< px: BundleOptions::floor
@@ -48,7 +48,7 @@ void Window::connect(Keyframe& k, std::span<Neighbour> neighbours) {
   std::vector<Pair> pairs;
   std::vector<Neighbour*> of;
   for (Neighbour& n : neighbours) {
-    if (!judge_.confirmed(n.there)) continue;  // where one way fails, so does the other: 95 of 100
+    if (!judge_.confirmed(n.there)) continue;  // if one direction fails, so does the other in 95 of 100 cases
     of.push_back(&n);
     pairs.push_back(pair_of(k, n.keyframe->pixels.frame(camera_), n.keyframe->T_WC));
   }
@@ -62,7 +62,7 @@ void Window::connect(Keyframe& k, std::span<Neighbour> neighbours) {
   }
 }
 
-/// The newest are free; what they are connected with holds them.
+/// The newest keyframes are free; those connected with them are fixed.
 Window::Part Window::part() {
   const auto& all = keyframes_.all();
   const int first_free = std::max(all.begin()->first + 1, static_cast<int>(keyframes_.poses().size()) - size_);
@@ -102,7 +102,7 @@ std::vector<BundleEdge> Window::edges_of(const Part& part) {
     const auto from = origin ? part.index.find(origin->keyframe) : part.index.end();
     if (from == part.index.end()) continue;
     const Keyframe& k = *keyframes_.find(from->first);
-    if (k.sightings.count(id) > 0) continue;  // which say more
+    if (k.sightings.count(id) > 0) continue;  // which are more informative
     out.push_back({from->second, at, origin->T_CK, edge_covariance(*origin, k)});
   }
   return out;
