@@ -1,6 +1,6 @@
 // Raw pixels as colours in [0, 1], of any format. Grey ones are three equal channels.
 layout(constant_id = 1) const uint FORMAT = ICLK_FORMAT_RGBA8;
-layout(constant_id = 2) const uint CHANNELS = 3;  // that the model takes: 3, or 1, the luma
+layout(constant_id = 2) const uint CHANNELS = 3;  // of the model's input: 3, or 1 (luma)
 #include "texels.glsl"
 #ifndef PIXELS_BINDING
 #define PIXELS_BINDING 0

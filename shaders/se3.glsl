@@ -28,7 +28,7 @@ Pose se3_exp(vec3 rho, vec3 phi) {
   return Pose(mat3(1.0) + a * W + b * W2, rho + b * (W * rho) + c * (W2 * rho));
 }
 
-// Log of a rotation of less than about 2.5 rad, which a prior's disagreement with the pose is.
+// Log of a rotation of less than about 2.5 rad, such as the difference between a prior and the pose.
 void se3_log(Pose T, out vec3 rho, out vec3 phi) {
   vec3 w = 0.5 * vec3(T.R[1][2] - T.R[2][1], T.R[2][0] - T.R[0][2], T.R[0][1] - T.R[1][0]);  // sin(theta) axis
   float s = length(w);
@@ -48,5 +48,5 @@ Pose inverse_pose(Pose a) {
   return Pose(Rt, -(Rt * a.t));
 }
 
-// One Newton step towards the nearest rotation: undoes the rounding of many products.
+// One Newton step towards the nearest rotation, to remove the rounding errors of many products.
 mat3 orthonormalized(mat3 R) { return R * (1.5 * mat3(1.0) - 0.5 * (transpose(R) * R)); }

@@ -1,6 +1,6 @@
 #version 460
-// What the gradients of both images say of the pose together (align/solver/agreement.h), once, where the iterations of the
-// finest level ended, in parts like normal_equations.comp.
+// The sums of Agreement (align/solver/agreement.h), once, at the final pose of the finest level; partial sums like those of
+// normal_equations.comp.
 // Groups: (groups, pairs, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -31,9 +31,9 @@ void add_gradients(View view, int k, float weight) {
   target_at(view, a, top, bottom, f, p, visible);
   float w = visible ? weight : 0.0;
 
-  // Gradient of the bilinear surface, and d(warped pixel) / d(pixel) with the inverse depth held.
+  // The gradient of the bilinear surface, and d(warped pixel) / d(pixel) for a constant inverse depth.
   vec2 gradient = vec2(mix(top.y - top.x, bottom.y - bottom.x, f.y), mix(bottom.x - top.x, bottom.y - top.y, f.x));
-  gradient = visible ? gradient : vec2(0.0);  // what was read there may not be finite
+  gradient = visible ? gradient : vec2(0.0);  // the value there may not be finite
   vec2 focal = vec2(view.camera.fx, view.camera.fy);
   vec3 X = visible ? p : vec3(0.0, 0.0, 1.0);
   vec2 x = X.xy / X.z;
@@ -68,14 +68,14 @@ void add_gradients(View view, int k, float weight) {
 
 ICLK_DEFINE_SUM(add_all_gradients, add_gradients)
 
-// Weight of any element: weights.glsl says where it lies.
+// The weight of any element; its position follows from weights.glsl.
 float weight_of(View view, uint k) {
   if (view.unit_weights) return 1.0;
   uint lanes = gl_WorkGroupSize.x, in_block = k % (4u * lanes);
   return weights[view.weight_base + (k - in_block) / 4u + in_block % lanes][in_block / lanes];
 }
 
-// A lane takes whole patches.
+// Each lane processes whole patches.
 void add_scores(View view, uint begin, uint end) {
   for (uint first = begin + gl_LocalInvocationIndex * ICLK_PATCH_AREA; first < end;
        first += gl_WorkGroupSize.x * ICLK_PATCH_AREA) {

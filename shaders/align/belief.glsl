@@ -1,7 +1,7 @@
-// What is known of a pair's pose beside the images of this level: the prior of the host at first, and what coarser levels have
-// left (align/solver/lm.h). Needs prior.glsl, the bindings pairs[] and states[] and the push constants IteratePush.
+// The belief of a pair's pose apart from the images of this level: the prior of the host, and the information of coarser levels
+// (align/solver/lm.h). Needs prior.glsl, the bindings pairs[] and states[] and the push constants IteratePush.
 
-// A pair that begins at a finer level takes no step here, and finds out nothing.
+// A pair that begins at a finer level takes no step here, and its belief does not change.
 bool skips_level(uint pair) { return push.level > pairs[pair].first_level; }
 
 bool carried() { return (push.flags & ICLK_FLAG_CARRIED) != 0u; }
@@ -21,7 +21,7 @@ Prior belief_at(uint pair, Pose pose) {
   return prior_of(mean, information, pose);
 }
 
-// What beliefs are multiplied with to stand beside the sums: the variance of the residuals in units of residual_sigma^2.
+// The factor of beliefs relative to the sums: the variance of the residuals in units of residual_sigma^2.
 float belief_scale(float cost, float weight) {
   if (push.inverse_variance == 0.0) return 1.0;
   return max(weight > 0.0 ? cost / weight : 0.0, float(ICLK_LEAST_SIGMA * ICLK_LEAST_SIGMA)) * push.inverse_variance;

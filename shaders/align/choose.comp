@@ -1,7 +1,7 @@
 #version 460
 // Chooses features of a reference whose depth the application has rendered: in each cell the pixel with the most texture (the
-// smaller eigenvalue of the gradients' matrix over 3x3 pixels), first where its patch has one depth, then at depth edges.
-// Every second pixel is looked at. A cell without depth or texture has a feature of inverse depth 0, which takes no part.
+// smaller eigenvalue of the gradients' matrix over 3x3 pixels), first where its patch has one depth, then at depth edges. Every
+// second pixel is tested. A cell without depth or texture gets a feature with inverse depth 0, which is unused.
 // Groups: (columns, rows, 1); the invocations of a group share the pixels of its cell.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_samplerless_texture_functions : require
@@ -19,7 +19,7 @@ shared uint best_place[ICLK_CHOOSE_GROUP];
 
 float grey(ivec2 p) { return luma(colour(push.first_word, uint(p.y) * push.row_pixels + uint(p.x))); }
 
-// 0 where there is none.
+// The inverse depth of a pixel; 0: unknown.
 float inverse_depth(ivec2 p) {
   float d = texelFetch(depths, p, 0).x, value = push.scale * d + push.offset;
   float q = push.inverse != 0u ? value : 1.0 / value;
@@ -27,7 +27,7 @@ float inverse_depth(ivec2 p) {
   return seen && q > 0.0 ? q : 0.0;
 }
 
-// Smaller eigenvalue of the mean matrix of central differences.
+// The smaller eigenvalue of the mean matrix of central differences.
 float texture_at(ivec2 p) {
   float xx = 0.0, xy = 0.0, yy = 0.0;
   [[dont_unroll]] for (int dv = -1; dv <= 1; ++dv) {
@@ -45,7 +45,7 @@ float texture_at(ivec2 p) {
   return (half_trace - sqrt(half_difference * half_difference + xy * xy)) / 9.0;
 }
 
-// Whether the patch about p has one depth.
+// Whether the patch around p has one depth.
 bool smooth_at(ivec2 p, float q) {
   float nearest = 0.0, farthest = 3.0e38;
   [[dont_unroll]] for (int k = 0; k < 16; ++k) {
@@ -85,7 +85,7 @@ void main() {
     }
   ivec2 p = ivec2(first + 2u * uvec2(place % looked_at.x, place / looked_at.x));
   bool found = best > 0.0;
-  // A place that no patch of the image reaches: masks are made of places alone.
+  // A position outside the reach of all patches in the image, because masks depend on positions only.
   features[push.first_feature + cell.y * push.columns + cell.x] =
       found ? FeatureInfo(float(p.x), float(p.y), inverse_depth(p), 0.0) : FeatureInfo(-32768.0, -32768.0, 0.0, 0.0);
 }

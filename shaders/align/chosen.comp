@@ -1,6 +1,5 @@
 #version 460
-// What the host says of features that it was given, of those that choose.comp has chosen: how many take part, their mean
-// inverse depth.
+// The number and the mean inverse depth of the features that choose.comp has chosen. For given features the host computes them.
 // Groups: (1, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

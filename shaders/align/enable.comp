@@ -1,5 +1,5 @@
 #version 460
-// Pairs whose reference has too few features do not take part. Where the device chooses features the host cannot know.
+// Disables pairs whose reference has too few features. The host cannot do it if the device chooses the features.
 // Groups: (ceil(pairs / 64), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

@@ -1,5 +1,5 @@
 #version 460
-// Hides pixels of targets' maps above pixels with an alpha of 0; HidePush.
+// Hides pixels of targets' maps that cover pixels with an alpha of 0; HidePush.
 // Groups: (ceil(width / local size), height, targets).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

@@ -1,5 +1,5 @@
 #version 460
-// Hides pixels of a level of targets' maps that stand for hidden ones of the next finer level; HidePush.
+// Hides pixels of a level of targets' maps that cover hidden pixels of the next finer level; HidePush.
 // Groups: (ceil(width / local size), height, targets).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

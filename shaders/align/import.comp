@@ -1,6 +1,6 @@
 #version 460
-// An image of the application, seen through a view of any format, as the plan's raw pixels.
-// Output: rows of the plan's format, padded to whole blocks; what is beyond the image repeats its last column.
+// Converts an image of the application, with a view of any format, to the raw pixels of the plan.
+// Output: rows of the plan's format, padded to whole blocks by repeating the last column.
 // Groups: (words of a row / 64, rows, 1). One invocation writes a word of R8 (four pixels), or one pixel.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_samplerless_texture_functions : require

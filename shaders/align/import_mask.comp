@@ -1,5 +1,5 @@
 #version 460
-// A mask of the application as the alpha of pixels that are there already: 0 where the mask's first channel is 0, else opaque.
+// Copies a mask of the application to the alpha of existing pixels: 0 where the mask's first channel is 0, else opaque.
 // Groups: (ceil(width / 64), height, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_samplerless_texture_functions : require

@@ -1,5 +1,5 @@
-// What the sums at a pair's accepted point say of the pose: H with the gain's factor on its columns, gain and bias marginalised
-// out (align/solver/lm.cpp: pose_information). Needs shared.h and the binding states[].
+// H of the pose at a pair's accepted point: its columns are multiplied by the gain, and gain and bias are marginalised out
+// (align/solver/lm.cpp: pose_information). Needs shared.h and the binding states[].
 
 float sum8(uint pair, uint i, uint j) {
   uint lo = min(i, j), hi = max(i, j);

@@ -1,8 +1,7 @@
 #version 460
 // All iterations of one level of the device solver: residual -> normal equations -> Levenberg-Marquardt step, in one dispatch.
-// One workgroup a pair; the pose stays in registers and every lane solves the 6x6 (8x8 with gain and bias) system itself.
-// Made for patches. Where a pair has so many elements that one workgroup is too few, normal_equations.comp and lm_step.comp do
-// the same in two dispatches an iteration.
+// One workgroup per pair. The pose stays in registers, and every lane solves the 6x6 system (8x8 with gain and bias). If a pair
+// has too many elements for one workgroup, normal_equations.comp and lm_step.comp do the same in two dispatches per iteration.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -37,7 +36,7 @@ void evaluate(View view, uint count) {
   reduce_sums();
 }
 
-// Each lane leaves the weights of its own elements: nobody else reads them here.
+// Each lane writes the weights of its elements; no other lane reads them here.
 float weigh_level(View view, uint count) {
   uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;
   uint vectors = (count + 4u * lanes - 1u) / (4u * lanes) * lanes;
@@ -73,8 +72,8 @@ void main() {
 
   bool starts = (push.flags & ICLK_FLAG_START) != 0u, ends = (push.flags & ICLK_FLAG_END) != 0u;
   uint taken = 0u;
-  begin_level(lm);  // also where it starts: the state of an earlier batch, or none, must not count as done
-  if (WEIGHTED && ROBUST != ICLK_ROBUST_UNIT && !view.unit_weights) {  // a learned M-estimator has left its own
+  begin_level(lm);  // also at the first level: the state of an earlier batch must not count as done
+  if (WEIGHTED && ROBUST != ICLK_ROBUST_UNIT && !view.unit_weights) {  // a learned M-estimator has written its weights
     view.pose = lm.pose;
     view.gain = lm.gain;
     view.bias = lm.bias;

@@ -1,7 +1,7 @@
 #version 460
-// Template of a reference: for each mask pixel its place, inverse depth, f0 and central differences, from which the iterations
-// form the Jacobian (align/solver/jacobian.h). Sparse mode: element = feature * 64 + patch pixel, and an invocation makes a
-// row of a patch; dense mode: v * width + u, an invocation each.
+// The template of a reference: position, inverse depth, f0 and central differences of each mask pixel. The iterations compute
+// the Jacobian from these (align/solver/jacobian.h). Sparse mode: element feature * 64 + patch pixel, one invocation per row of
+// a patch. Dense mode: element v * width + u, one invocation each.
 // Groups: (ceil(element_count / 8 or 1 / local size), levels, references).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -41,10 +41,10 @@ void patch_row(LevelInfo info, int base, uint at, uint k, uint level, uint refer
   vec2 c = (feature.xy + 0.5) / float(1u << level) - 0.5;
   ivec2 first = ivec2(floor(c)) - ICLK_PATCH_BEFORE + ivec2(0, k % ICLK_PATCH);
   uvec2 words = rows[at / ICLK_PATCH + k];
-  // Nobody writes the mask of a feature that takes no part.
+  // The mask of an unused feature is not written.
   uint bits = feature.z > 0.0 ? words.x | words.y : 0u;
   ivec2 last = ivec2(info.width, info.height) - 1;
-  // A row outside the image has no bits; it reads a place that exists.
+  // A row outside the image has no bits; it reads a valid address.
   int pitch = int(info.pitch), row = base + clamp(first.y, 0, last.y) * pitch;
   int above = base + clamp(first.y - 1, 0, last.y) * pitch, below = base + clamp(first.y + 1, 0, last.y) * pitch;
   float before = f0(row + clamp(first.x - 1, 0, last.x)), here = f0(row + clamp(first.x, 0, last.x));

@@ -53,7 +53,7 @@ void store_state(uint pair, Lm lm) {
   STORE_SUM(8) STORE_SUM(9) STORE_SUM(10) STORE_SUM(11) STORE_SUM(12) STORE_SUM(13) STORE_SUM(14)
 }
 
-// What begins anew with a level: damping and the accepted point; the pose stays.
+// Resets damping and the accepted point at the start of a level; the pose is kept.
 void begin_level(inout Lm lm) {
   lm.lambda = push.lambda;
   lm.nu = 2.0;
@@ -64,7 +64,7 @@ void begin_level(inout Lm lm) {
   lm.singular = false;
 }
 
-// One evaluation arrived in `sums`: judge, step, trace. `first` = iteration number within the level.
+// Judges the evaluation in `sums`, takes a step and writes the trace. `first` = iteration number within the level.
 void lm_advance(inout Lm lm, uint pair, uint iteration, bool believes, float focal, float mean_inverse_depth, bool write) {
   float cost = sums[11].w > 0.0 ? sums[14].x / sums[11].w : 0.0;
   float visible = sums[14].z > 0.0 ? sums[14].y / sums[14].z : 0.0;
@@ -88,11 +88,11 @@ void lm_end(inout Lm lm, uint pair, bool believes) {
   lm.bias = lm.accepted_bias;
 }
 
-// After store_state(): what the next finer level shall believe. One invocation.
+// Writes the belief for the next finer level, after store_state(). One invocation.
 void leave_belief(uint pair, Lm lm, bool believes) {
   if (push.carry == 0.0) return;
   uint to = push.level & 1u;
-  if (skips_level(pair)) {  // what was known stays known
+  if (skips_level(pair)) {  // the belief is unchanged
     uint from = to ^ 1u;
     bool prior = pairs[pair].has_prior != 0u;
     STORE_POSE(states[pair].beliefs[to].pose, lm.pose)

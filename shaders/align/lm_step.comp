@@ -33,7 +33,7 @@ void main() {
     lm.gain = pairs[pair].gain;
     lm.bias = pairs[pair].bias;
   }
-  if (push.iterations == 0u && !ends) begin_level(lm);  // also where it starts: an earlier batch's state must not count as done
+  if (push.iterations == 0u && !ends) begin_level(lm);  // an earlier batch's state must not count as done
   bool skips = skips_level(pair) && !starts && !ends;
   lm.done = lm.done || skips;
   if (skips && lane == 0u && push.iterations == 0u) {

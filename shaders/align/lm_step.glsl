@@ -80,7 +80,7 @@ void lm_propose(inout Lm lm, uint pair, bool believes, float focal, float mean_i
   ROW(7, vec4(accepted_sums[4].w, accepted_sums[5].w, accepted_sums[6].w, accepted_sums[7].w), accepted_sums[11])
   g[0] = accepted_sums[12].x; g[1] = accepted_sums[12].y; g[2] = accepted_sums[12].z; g[3] = accepted_sums[12].w;
   g[4] = accepted_sums[13].x; g[5] = accepted_sums[13].y; g[6] = accepted_sums[13].z; g[7] = accepted_sums[13].w;
-  // The pose moves gain * f0, so its columns count `gain` times.
+  // The pose moves gain * f0, so its columns are multiplied by the gain.
   float a = lm.accepted_gain;
   [[unroll]] for (int i = 0; i < 6; ++i) {
     g[i] *= a;
@@ -113,7 +113,7 @@ void lm_propose(inout Lm lm, uint pair, bool believes, float focal, float mean_i
         float s = A[8 * i + j] * d[i] * d[j];
         [[unroll]] for (int k = 0; k < 8; ++k)
           if (k < j) s -= L[8 * i + k] * L[8 * j + k];
-        L[8 * i + j] = s * L[9 * j];  // the diagonal keeps its inverse
+        L[8 * i + j] = s * L[9 * j];  // the diagonal has the inverses
       }
     }
     float p = 1.0 + lm.lambda;

@@ -1,15 +1,17 @@
 #version 460
-// Mask of a reference (align/solver/mask.h: sparse_mask): which pixels of its patch belong to a feature. A pixel in
-// several patches belongs to the nearest feature, on a tie to the lower index.
-// The host lists for every 8x8 block the features that reach into it, or may (align/device/tiles.h). Each pixel finds its owner
-// in the list of its block, then tells every feature of the list: work in proportion to the features, however they crowd.
-// Output: two words a patch row, whose union has bit i set where pixel i belongs to the feature: a row lies in two blocks.
+// Mask of a reference (align/solver/mask.h: sparse_mask): which pixels of its patch belong to a feature. A pixel in several
+// patches belongs to the nearest feature, on a tie to the lower index. For every 8x8 block, the host lists the features that
+// reach it, or may reach it (align/device/tiles.h). Each pixel finds its owner in the list of its block, and then writes the
+// result for every feature of the list. The work is proportional to the number of features.
+// Output: two words per patch row, because a row lies in two blocks. Bit i of their union is set if pixel i belongs to the
+// feature.
 // Groups: (n, references, m), n m >= ceil(8 tile_stride / local size); an invocation is a row of a block.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
 layout(local_size_x_id = 0) in;
-// Lavapipe (Mesa 22.3) stops the loops of an invocation after 65,535 rounds together; then a round is four features.
+// Lavapipe (Mesa 22.3) stops the loops of an invocation after 65,535 iterations in all. CROWDED: an iteration processes four
+// features.
 layout(constant_id = 1) const bool CROWDED = false;
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer References { ReferenceInfo references[]; };
@@ -31,7 +33,7 @@ struct Row {
 
 vec2 centre(Row row, uint feature) { return (features[row.features_at + feature].xy + 0.5) * row.scale - 0.5; }
 
-// Strictly nearer: on a tie the lower index stays, as lists ascend.
+// Strictly nearer: for ties the lower index stays, because lists are ascending.
 void claim(Row row, uint feature) {
   vec2 c = centre(row, feature);
   ivec2 begin = ivec2(floor(c)) - ICLK_PATCH_BEFORE;
@@ -54,7 +56,7 @@ void tell(Row row, uint feature) {
   [[unroll]] for (int i = 0; i < ICLK_BLOCK; ++i) bits |= owner[i] == feature ? 1u << i : 0u;
   if (offset.y > 0 || offset.y <= -ICLK_PATCH || abs(offset.x) >= ICLK_BLOCK) return;
   uint at = 2u * (row.elements_at / ICLK_PATCH + feature * ICLK_PATCH + uint(-offset.y));
-  // Of two blocks the left one has the first word. Where there is but one, the second word is its as well.
+  // The left one of two blocks writes the first word. A single block also writes the second word.
   if (offset.x >= 0) mask[at] = bits >> offset.x;
   if (offset.x <= 0) mask[at + 1u] = offset.x < 0 ? bits << -offset.x : 0u;
 }

@@ -1,6 +1,6 @@
 #version 460
-// One evaluation of the sums of the normal equations, in parts: each workgroup sums a slice of a pair's elements. The host
-// solver adds the parts on the host, the device solver in lm_step.comp; both in the order of the slices.
+// One evaluation of the sums of the normal equations, as partial sums: each workgroup sums a slice of a pair's elements. The
+// host solver adds them on the host, the device solver in lm_step.comp, both in the order of the slices.
 // Groups: (groups, pairs, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

@@ -1,7 +1,7 @@
 // The sums of the normal equations over the elements of one pair at one level (align/solver/normal_equations.h), and their
 // reduction over a workgroup in a fixed order. Needs residual.glsl.
 //
-// Accumulators are indexed by constants only: on lavapipe anything else puts them into memory (5 times slower).
+// Accumulators are indexed by constants only. Other indices put them into memory on lavapipe, which is 5 times slower.
 
 #define ICLK_FOLD 64u  // lanes that keep sums in shared memory; 64 x 15 vec4 = 15 KiB
 shared vec4 folded[64 * ICLK_SUM_VECTORS];
@@ -14,7 +14,7 @@ void clear_sums() {
   sums[10] = vec4(0.0); sums[11] = vec4(0.0); sums[12] = vec4(0.0); sums[13] = vec4(0.0); sums[14] = vec4(0.0);
 }
 
-// J = gu ju + gv jv, align/solver/jacobian.h, as its first four and its last two entries.
+// The Jacobian J = gu ju + gv jv (align/solver/jacobian.h), as its first four and its last two entries.
 void jacobian(View view, vec4 a, vec2 gradient, out vec4 lo, out vec2 hi) {
   vec2 g = gradient * vec2(view.camera.fx, view.camera.fy);
   float x = (a.x - view.camera.cx) / view.camera.fx, y = (a.y - view.camera.cy) / view.camera.fy;
@@ -55,8 +55,8 @@ void add_element(View view, int k, float weight) {
   sums[14] += vec4(w * r * r, visible ? 1.0 : 0.0, a.z > 0.0 ? 1.0 : 0.0, 0.0);
 }
 
-// Defines `all`: calls `one` for the elements begin to end - 1. begin is that of a block of weights (weights.glsl). Conditions
-// at the end: lavapipe runs the body of a loop that ends at its beginning once more, with all lanes off.
+// Defines `all`: calls `one` for the elements begin to end - 1. begin is that of a block of weights (weights.glsl). The
+// condition is at the end, because lavapipe would run a loop with the condition at its beginning once more, with all lanes off.
 #define ICLK_DEFINE_SUM(all, one)                                                                    \
   void all(View view, uint begin, uint end) {                                                        \
     uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;                                 \
@@ -88,8 +88,8 @@ void complete_sums() {
   sums[9].x = sums[8].y; sums[10].xy = vec2(sums[8].z, sums[9].z); sums[11].xyz = vec3(sums[8].w, sums[9].w, sums[10].w);
 }
 
-// Lanes beyond ICLK_FOLD add theirs in rounds, then every component is summed over the lanes left, always in the same order.
-// Afterwards `sums` of every lane holds the workgroup's total. All lanes must call it.
+// Lanes beyond ICLK_FOLD add their sums in rounds. Then every component is summed over the remaining lanes, always in the same
+// order. Afterwards `sums` of every lane is the total of the workgroup. All lanes must call it.
 void reduce_sums() {
   complete_sums();
   uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;

@@ -1,4 +1,4 @@
-// What the shaders of the iterations know of a pair. Needs shared.h, se3.glsl, level.glsl, residual.glsl and the bindings
+// The data of a pair for the shaders of the iterations. Needs shared.h, se3.glsl, level.glsl, residual.glsl and the bindings
 //   levels[], references[], pairs[], states[]  and the push constants IteratePush.
 
 View view_of(uint pair) {
@@ -14,7 +14,7 @@ View view_of(uint pair) {
   return view;
 }
 
-// Where to evaluate: the host's point, or the state's.
+// Sets the point to evaluate: that of the host, or that of the state.
 void set_point(inout View view, uint pair) {
   if ((push.flags & ICLK_FLAG_GIVEN) != 0u) {
     view.pose = pose_of(pairs[pair].pose);

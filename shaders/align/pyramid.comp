@@ -1,7 +1,7 @@
 #version 460
 // Grey pyramid, levels 0 to 3 in one pass: pixels -> maps. An invocation makes an 8x8 block of level 0 and what lies above it.
-// Inputs: raw pixels, rows padded to whole blocks. Outputs: one map a level (align/pyramid.h: grey_pyramid), of level 0 where
-// it is not the pixels themselves; padding holds garbage.
+// Inputs: raw pixels, rows padded to whole blocks. Outputs: one map per level (align/pyramid.h: grey_pyramid), also for level 0
+// unless kernels read the pixels. Padding is undefined.
 // Groups: (ceil(blocks_x / local size), blocks_y, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -16,7 +16,7 @@ layout(set = 0, binding = 1, std430) writeonly buffer Maps2 { vec2 maps2[]; };
 layout(set = 0, binding = 1, std430) writeonly buffer Maps1 { float maps1[]; };
 layout(push_constant) uniform Push { PyramidPush push; };
 
-layout(constant_id = 3) const bool STORE_LEVEL_0 = true;  // false: the pixels, of one channel, are level 0 themselves
+layout(constant_id = 3) const bool STORE_LEVEL_0 = true;  // false: the pixels have one channel and serve as level 0
 
 float grey(vec3 colour) { return dot(colour, vec3(push.red, push.green, push.blue)); }
 
@@ -47,7 +47,7 @@ void load_row(uint w, out vec4 a, out vec4 b) {
   }
 }
 
-// Two rows of level 0 to one of level 1.
+// Computes a row of level 1 from two rows of level 0.
 vec4 halve(vec4 a0, vec4 b0, vec4 a1, vec4 b1) {
   return 0.25 * ((vec4(a0.xz, b0.xz) + vec4(a0.yw, b0.yw)) + (vec4(a1.xz, b1.xz) + vec4(a1.yw, b1.yw)));
 }
@@ -63,7 +63,7 @@ void main() {
   uint last = push.height - 1u;
   uint y = block_y * ICLK_BLOCK;
 
-  // Of levels 0 to 3, in floats. Not from a buffer: loads are dear on lavapipe, and repeated after each store.
+  // Pitches of levels 0 to 3 in floats. Not from a buffer: on lavapipe loads are slow and repeated after each store.
   uvec4 pitch = uvec4(push.blocks_x * ICLK_BLOCK) >> uvec4(0u, 1u, 2u, 3u);
   uvec4 height = uvec4(push.height) >> uvec4(0u, 1u, 2u, 3u);
   vec4 one[4];

@@ -1,5 +1,5 @@
 #version 460
-// |r| with which a level starts, in the place of its M-estimator weights (weights.glsl), each workgroup of a slice.
+// Writes |r| at the start of a level, instead of the weights (weights.glsl). Each workgroup processes a slice.
 // Groups: (groups, pairs, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

@@ -21,8 +21,8 @@ layout(push_constant) uniform Push { ResultPush push; };
 // iclk::Status
 const uint CONVERGED = 0u, MAX_ITERATIONS = 1u, LOW_OVERLAP = 2u, DEGENERATE = 3u, TOO_FEW_FEATURES = 4u, DIVERGED = 5u;
 
-// Information about the pose, 6x6: as the iterations saw it, the same without the prior, the part that both images confirm,
-// the cross term of both gradients, the mean of each image's own.
+// Information about the pose, 6x6: with the prior, without the prior, the part that both images confirm, the cross term of both
+// gradients, the mean of both images' own.
 float H[36], image[36], confirmed[36], cross_term[36], both[36];
 float L[36], inverse[36];  // Cholesky factor, and the inverse of `confirmed`
 
@@ -104,7 +104,7 @@ void spread(float variance, float d[6]) {
     }
 }
 
-// The part of the verdict that the eigenvalues decide. Afterwards `both` holds the covariance.
+// The part of the verdict that depends on eigenvalues. Afterwards `both` is the covariance.
 uint judge(uint pair, float variance, float correlation) {
   gather(pair, variance);
   float d[6];
@@ -144,7 +144,7 @@ uint judge(uint pair, float variance, float correlation) {
   float focal = max(abs(reference.fx), abs(reference.fy));
   float turn = sqrt(both[21] + both[28] + both[35]), shift = sqrt(both[0] + both[7] + both[14]);
   float sigma = focal * (turn + reference.mean_inverse_depth * shift);
-  float more = variance_ratio(pair) - 1.0;  // of what the images say of H, not of what the prior does
+  float more = variance_ratio(pair) - 1.0;  // for the part of H from the images, not from the prior
   for (uint at = 0u; at < 36u; ++at) H[at] += more * image[at] * d[at / 6u] * d[at % 6u];
   spread(variance, d);
   bool one_pose = pairs[pair].has_prior != 0u || !(pairs[pair].repeats >= ICLK_MATCH_REPEATS);
@@ -168,7 +168,7 @@ void main() {
   }
   vec4 total[2 * ICLK_MATRIX_VECTORS];
   [[unroll]] for (uint i = 0u; i < uint(ICLK_SUM_VECTORS); ++i) total[i] = vec4(0.0);
-  for (uint g = 0u; g < push.groups; ++g)  // the outer loop: lavapipe counts the turns of nested ones together
+  for (uint g = 0u; g < push.groups; ++g)  // the outer loop: lavapipe counts the iterations of nested loops together
     [[unroll]] for (uint i = 0u; i < uint(ICLK_SUM_VECTORS); ++i)
       total[i] += parts[(pair * push.groups + g) * ICLK_SUM_VECTORS + i];
   [[unroll]] for (uint i = 0u; i < uint(ICLK_SUM_VECTORS); ++i) {

@@ -1,10 +1,10 @@
 #version 460
-// Robust weights of a level from the residuals of residual.comp, in their place. iterate.comp does the same by itself.
-// Groups: (pairs, 1, 1), one workgroup a pair.
+// Replaces the residuals of residual.comp by the robust weights of a level. iterate.comp includes the same step.
+// Groups: (pairs, 1, 1), one workgroup per pair.
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 layout(local_size_x_id = 0) in;
-layout(constant_id = 1) const uint BLOCK = 32;  // elements: four a lane of the sums
+layout(constant_id = 1) const uint BLOCK = 32;  // elements: four per lane of the sums
 layout(set = 0, binding = 0, std430) readonly buffer Levels { LevelInfo levels[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
 layout(set = 0, binding = 2, std430) buffer Weights { vec4 weights[]; };

@@ -1,15 +1,16 @@
 // Robust weights of a level from the residuals with which it starts (align/solver/weights.h). The scale is 1.4826 times the
 // lower median of |r|, exactly: the element of that rank, found by counting. Needs shared.h and the binding weights[] (vec4).
-// Weights lie in blocks of 4 L elements, L = lanes of a workgroup of the sums: component j of vec4 `lane` of a block belongs
-// to element j L + lane of it. So a lane reads the weights of its own elements, four at a time, and in iterate.comp it alone
-// writes them. Before they are weights they are |r|: ICLK_NO_RESIDUAL where an element is not in the mask or not visible.
+// Weights lie in blocks of 4 L elements, L = lanes of a workgroup of the sums: component j of vec4 `lane` of a block belongs to
+// element j L + lane of it. Thus a lane reads the weights of its elements four at a time, and in iterate.comp no other lane
+// writes them. The buffer first has |r|, with ICLK_NO_RESIDUAL for elements outside the mask or invisible ones.
 
 layout(constant_id = 4) const uint ROBUST = ICLK_ROBUST_HUBER;
 
 #define ICLK_NO_RESIDUAL 3e38
-#define ICLK_RESIDUAL_LIMIT 0x7e967699  // bits of 1e38: not smaller is no residual. Non-negative floats order like their bits.
+#define ICLK_RESIDUAL_LIMIT 0x7e967699  // bits of 1e38, which have the order of non-negative floats; larger: no residual
 
-// Eight thresholds, and how many |r| of this lane are below each. The first are fixed: 2^-11, 2^-8, 2^-6, 2^-5, 2^-4, 2^-3, 1.
+// Eight thresholds, and the number of |r| of this lane below each. The first ones are fixed: 2^-11, 2^-8, 2^-6, 2^-5, 2^-4,
+// 2^-3, 1.
 ivec4 low = ivec4(0x3a000000, 0x3b800000, 0x3c800000, 0x3d000000);
 ivec4 high = ivec4(0x3d800000, 0x3e000000, 0x3f800000, ICLK_RESIDUAL_LIMIT);
 ivec4 below_low = ivec4(0), below_high = ivec4(0);
@@ -50,8 +51,8 @@ void reduce_counts() {
   barrier();
 }
 
-// The robust scale of `count` vec4 of |r| from `first` on, of which a lane reads every L-th. The counts below the first
-// thresholds are in below_low and below_high already. All lanes must call it; all get the same.
+// The robust scale of `count` vec4 of |r| from `first` on; a lane reads every L-th. Precondition: below_low and below_high have
+// the counts below the first thresholds. All lanes must call it; all get the same result.
 float scale_of(uint first, uint count) {
   uint lane = gl_LocalInvocationIndex, lanes = gl_WorkGroupSize.x;
   reduce_counts();
@@ -81,7 +82,7 @@ float scale_of(uint first, uint count) {
     }
     reduce_counts();
   }
-  if (end - begin > 1) {  // the smallest candidate it is
+  if (end - begin > 1) {  // it is the smallest candidate
     if (lane == 0u) smallest = end;
     barrier();
     ivec4 least = ivec4(end);

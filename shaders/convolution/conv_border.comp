@@ -1,6 +1,6 @@
 #version 460
-// Zero border of every plane of activations: right of each row, which is left of the next one, and below, which is above the
-// next plane. Plane 0 of the dispatch is what lies before the first plane. Two buffers have planes of the same layout.
+// Writes the zero border of every plane of activations: right of each row (left of the next row) and below (above the next
+// plane). Plane 0 of the dispatch is the border before the first plane. Two buffers have planes of the same layout.
 // Groups: (ceil((height + pitch) width / local size), 1 + planes of all images, 2).
 #extension GL_GOOGLE_include_directive : require
 #include "network/network.h"

@@ -1,5 +1,5 @@
-// A 3x3 convolution whose invocations make eight output channels of some pixels of a column, `dilation` apart. The input has a
-// border of zeros, so that no tap is tested.
+// A 3x3 convolution whose invocations compute eight output channels of some pixels of a column, `dilation` apart. The input has
+// a border of zeros, so that taps need no tests.
 // Groups: (blocks of eight output channels, n, m), n m >= positions / local size.
 #extension GL_EXT_control_flow_attributes : require
 #include "network/network.h"
@@ -11,7 +11,7 @@ TEXELS(1, vec4, weights)
 #define OUT_BINDING 2
 #include "network/activations.glsl"
 #ifdef ITEMS
-// main() begins with push = constants: what is read where lanes part is read anew, and dearly, by lavapipe.
+// main() begins with push = constants, because lavapipe repeats slow reads of push constants after divergent branches.
 layout(push_constant) uniform Push { ColumnPush constants; };
 ColumnPush push;
 layout(set = 0, binding = 3, std430) coherent buffer Work { uint work[]; };
@@ -21,11 +21,11 @@ layout(push_constant) uniform Push { ConvPush push; };
 #include "convolution/conv_weights.glsl"
 
 struct Column {
-  bool live;  // or a copy of the last one: no lane leaves, it may have weights that others need
+  bool live;  // false: a copy of the last one; no lane returns, because others may need its weights
   int image, x, y;
 };
 
-// `rows`: pixels of an invocation.
+// `rows`: pixels per invocation.
 Column column_of(int rows) {
   int id = int((gl_WorkGroupID.z * gl_NumWorkGroups.y + gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationIndex);
   int width = int(push.width), height = int(push.height), dilation = int(push.dilation);

@@ -1,4 +1,4 @@
-// 3x3 convolution, bias and ELU with a register tile: an invocation makes eight output channels, or ONE, of R pixels of a
+// 3x3 convolution, bias and ELU with a register tile: an invocation computes eight output channels, or ONE, of R pixels of a
 // column, `dilation` apart.
 #extension GL_GOOGLE_include_directive : require
 #include "convolution/conv_column.glsl"

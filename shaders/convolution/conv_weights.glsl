@@ -1,9 +1,9 @@
 // Weights of a convolution: eight texels are a block of 4 input x 8 output channels, texel 2 q + h the output channels 4 h to
 // 4 h + 3 of input channel q. Needs the binding `weights` and FETCH, which reads it.
 //
-// With SHUFFLE eight neighbouring lanes load a texel each and hand it round: right for any subgroup of eight lanes or more,
-// as all its lanes are at the same place. With SHARED the workgroup keeps the weights of one plane of input, all nine taps, in
-// shared memory, while those of the next are on their way (KEEP_WEIGHTS). Without either, every lane loads all eight.
+// With SHUFFLE eight neighbouring lanes load one texel each and exchange them. This works for every subgroup of eight lanes or
+// more, because all its lanes need the same weights. With SHARED the workgroup keeps the weights of one input plane (nine taps)
+// in shared memory, while those of the next plane are loaded (KEEP_WEIGHTS). Without either, every lane loads all eight.
 #if defined(SHARED)
 #define ICLK_PLANE_WEIGHTS 72
 #define ICLK_WEIGHT_ROUNDS 3  // for workgroups of 24 lanes or more
@@ -24,7 +24,7 @@ void keep_weights(int at) {
     int i = int(gl_LocalInvocationIndex + uint(n) * gl_WorkGroupSize.x);
     if (i < ICLK_PLANE_WEIGHTS) kept[kept_turn][i] = coming[n];
   }
-  barrier();  // who is past it has also left the plane before, whose place is the next one's
+  barrier();  // after it all lanes have finished the previous plane, whose memory the next plane uses
 }
 #define LOAD_WEIGHTS(name, at)
 #define WEIGHT(name, at, i) kept[kept_turn][(at) - kept_at + (i)]

@@ -1,10 +1,10 @@
 #version 460
-// Winograd F(4x4, 3x3) for CPUs: a workgroup transforms ICLK_WINOGRAD_TILES tiles a lane, leaves them in a
-// slot of the scratch memory, and multiplies them. The next workgroup of the thread has the same slot, which thereby stays in
-// the cache of its core.
+// Winograd F(4x4, 3x3) for CPUs. A workgroup transforms ICLK_WINOGRAD_TILES tiles per lane, stores them in a slot of the
+// scratch memory, and multiplies them. The next workgroup of the thread uses the same slot, which therefore stays in the cache
+// of its core.
 //
-// An item of work (work_items.glsl) is some blocks of output channels of a group of tiles.
-// Groups: any number from that of the items on.
+// A work item (work_items.glsl) is some blocks of output channels of a group of tiles.
+// Groups: at least as many as items.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #extension GL_EXT_spirv_intrinsics : require
@@ -17,12 +17,12 @@
 layout(local_size_x_id = 0) in;
 layout(set = 0, binding = 0, rgba32f) spirv_decorate(ALIASED) coherent readonly uniform imageBuffer transformed;
 layout(set = 0, binding = 1, rgba32f) readonly uniform imageBuffer weights;
-// The counters (work_items.glsl), and of each slot 1 while it is taken.
+// The counters (work_items.glsl), and one word per slot, which is 1 while it is in use.
 spirv_decorate(ALIASED) layout(set = 0, binding = 3, std430) coherent buffer Work { uint work[]; };
 spirv_decorate(ALIASED) layout(set = 0, binding = 3, std430) coherent writeonly buffer Slots { vec4 transformed_out[]; };
 layout(set = 0, binding = 4) uniform samplerBuffer activations;
-// Push constants of the kernels of whole tiles. main() begins with push = constants: what is read where lanes part is read
-// anew, and dearly, by lavapipe.
+// Push constants of the kernels of whole tiles. main() begins with push = constants, because lavapipe repeats slow reads of
+// push constants after divergent branches.
 layout(push_constant) uniform Push { WinogradPush constants; };
 WinogradPush push;
 #define M (N + 2)
@@ -32,7 +32,7 @@ WinogradPush push;
 
 #include "convolution/work_items.glsl"
 
-// The first that is free: there are as many as lavapipe has threads, and few are ever touched.
+// Takes the first free slot. There are as many as lavapipe has threads, and few are used.
 uint take_slot() {
   uint slot = ICLK_FUSED_SLOTS - 1u, taken;
   do {
@@ -62,7 +62,7 @@ void main() {
   do {
     int index = first + t * lanes;
     Tile tile = tile_at(min(index, int(push.tiles) - 1));
-    tile.image = min(tile.image, int(push.images) - 1);  // what is made of a tile of no image is not written
+    tile.image = min(tile.image, int(push.images) - 1);  // results of a tile without an image are not written
     int c = 0, plane = int(push.in_offset) + tile.image * int(push.in_image), in_plane = int(push.in_plane);
     do {
       transform_tile(tile, plane + c * in_plane, at + t * lanes + c * strip, planes * strip);

@@ -1,8 +1,8 @@
 #version 460
-// Winograd F(4x1, 3x3) for CPUs: workgroups take items of work from a counter (work_items.glsl), and of a level's last layer
-// only 2x2 means and the map, which is the mean over all channels, are written. An item is eight columns, or some times as
-// many, of the rows of two tiles, and some or all output channels; where the layer is reduced all.
-// Groups: any number from that of the items on, of eight lanes.
+// Winograd F(4x1, 3x3) for CPUs. Workgroups take work items from a counter (work_items.glsl). For a reduced layer, only 2x2
+// means and the map (the mean over all channels) are written. An item is eight columns, or a multiple, of the rows of two
+// tiles, and some output channels; for a reduced layer all channels.
+// Groups: at least as many as items, of eight lanes.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_KHR_shader_subgroup_basic : require
 #extension GL_KHR_shader_subgroup_shuffle : require
@@ -11,7 +11,7 @@
 layout(constant_id = 1) const bool REDUCED = false;
 // The two tiles are of neighbouring phases of an even dilation: together they have whole 2x2 blocks.
 layout(constant_id = 2) const bool PAIRED = false;
-// Rows of the map and the pixels that are asked for begin and end on multiples of four, or end with the row.
+// Rows of the map and the requested pixels begin and end at multiples of four, or end with the row.
 layout(constant_id = 3) const bool WHOLE = false;
 #include "convolution/conv_column.glsl"
 layout(set = 0, binding = 4, std430) writeonly buffer MapRows0 { vec4 map_rows_0[]; };
@@ -21,11 +21,11 @@ layout(set = 0, binding = 5, std430) writeonly buffer Map1 { float map_1[]; };
 #include "convolution/work_items.glsl"
 #include "convolution/winograd4x1_sums.glsl"
 
-// The first row of the invocation's pair j; `y`: of its first tile.
+// The first row of pair j of the invocation; `y`: that of its first tile.
 int row_pair(int y, int j) { return PAIRED ? y + j * int(push.dilation) : y + 2 * j; }
 
-// Means of the block's channels, of four pairs of rows; `sums`: over channels so far, of the upper and the lower row of each.
-// Lanes of neighbouring columns share the work: the even one writes four channels, the odd one the other four.
+// Writes means of the block's channels for four pairs of rows. `sums`: over the channels so far, for the upper and the lower
+// row of each. Lanes of neighbouring columns share the work: the even one writes four channels, the odd one the other four.
 void write_means(uint block, vec4 acc[T][6][2], int image, int x, int y, inout vec2 sums[4]) {
   int height = int(push.height);
   bool odd = gl_SubgroupInvocationID % 2u == 1u;
@@ -71,7 +71,8 @@ void write_four(int image, int at, vec4 four, int x, bool exists) {
   }
 }
 
-// Four lanes have four pairs of rows of a column each; afterwards a pair of rows of four columns, to be stored at once.
+// Each of four lanes has four pairs of rows of a column. After an exchange it has a pair of rows of four columns, for a single
+// store.
 void write_map(int image, int x, int y, vec2 sums[4]) {
   uint lane = gl_SubgroupInvocationID;
   bool odd = (lane & 1u) != 0u, high = (lane & 2u) != 0u;
@@ -98,7 +99,7 @@ void main() {
   uint blocks = (push.out_planes + 1u) / 2u, parts = (blocks + push.item_blocks - 1u) / push.item_blocks;
   uint steps = (push.width + gl_WorkGroupSize.x - 1u) / gl_WorkGroupSize.x;
   uint chunks = (steps + push.item_steps - 1u) / push.item_steps;
-  // Rows of tiles: with pairs half the phases have one of their own, half as long.
+  // Rows of tiles. With pairs there are half as many phases, of half the length.
   int phases = PAIRED ? dilation / 2 : dilation, span = (PAIRED ? 4 : 4 * T) * dilation;
   int row_blocks = (int(push.height) + span - 1) / span * phases;
   uint rest = item / parts, first_block = (item - rest * parts) * push.item_blocks;

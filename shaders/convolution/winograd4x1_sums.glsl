@@ -1,21 +1,20 @@
 // Winograd F(4, 3) along columns in registers: the sums of eight output channels of ICLK_COLUMN_TILES tiles of four pixels of a
-// column, `dilation` apart. Half the products of conv_direct.glsl, and as there nothing between input and output goes through
-// memory.
+// column, `dilation` apart. It has half the products of conv_direct.glsl, and also no memory traffic between input and output.
 #include "convolution/winograd_points.glsl"
 
 #define T ICLK_COLUMN_TILES
-// Rows that go in: of tiles that follow one another some serve two of them.
+// The number of input rows; adjacent tiles share some.
 #define R (PAIRED ? 6 * T : 4 * T + 2)
 
-// Where rows of the input lie, the first of them of the tap above `y`. Every row counts for all rows of its tile, if only by
-// what rounding leaves of it: those below the border are the border's.
+// The addresses of input rows; the first one is that of the tap above `y`. By rounding, every row affects all rows of its tile.
+// Rows below the border are therefore replaced by the border.
 void find_rows(int y, out int rows[6 * T]) {
   int dilation = int(push.dilation), last = int(push.height) + dilation, pitch = int(push.in_pitch);
   [[unroll]] for (int r = 0; r < R; ++r)
     rows[r] = min(PAIRED ? y + r / 6 + r % 6 * dilation : y + r * dilation, last) * pitch;
 }
 
-// `at`: of the left taps in the first row of plane 0.
+// `at`: the address of the left taps in the first row of plane 0.
 void sums_of(uint block, int at, int rows[6 * T], out vec4 acc[T][6][2]) {
   int dilation = int(push.dilation), in_plane = int(push.in_plane);
   uint planes = push.in_planes;

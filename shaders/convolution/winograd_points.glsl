@@ -1,4 +1,4 @@
-// B^T of F(4, 3), interpolated at 0, +-A, +-B and infinity: six texels in a line to the six that are multiplied.
+// B^T of F(4, 3), interpolated at 0, +-A, +-B and infinity. It transforms six adjacent texels to the six factors.
 const float A = ICLK_WINOGRAD_A, B = ICLK_WINOGRAD_B, A2 = A * A, B2 = B * B;
 
 void transform(inout vec4 a, inout vec4 b, inout vec4 c, inout vec4 d, inout vec4 e, inout vec4 f) {

@@ -1,9 +1,9 @@
-// Winograd F(N x N, 3 x 3) behind the transform: products over the input channels for each of the (N + 2)^2 positions, summed
-// into A^T m A on the way, bias and ELU. An invocation makes eight output channels of ICLK_WINOGRAD_TILES tiles. Needs
-// winograd_tile.glsl and the storage texel buffers `transformed` and `weights`; output goes to binding 2.
+// Winograd F(N x N, 3 x 3) after the transform: products over the input channels for each of the (N + 2)^2 positions, sums of
+// A^T m A, bias and ELU. An invocation computes eight output channels of ICLK_WINOGRAD_TILES tiles. Needs winograd_tile.glsl
+// and the storage texel buffers `transformed` and `weights`; output goes to binding 2.
 //
-// REDUCED, of a level's last layer with an even dilation: its output is not written, but what is made of it, which is less:
-// 2x2 means of each channel for the next level, and sums over the eight channels for the map (feature_sums.comp).
+// REDUCED, for a level's last layer with an even dilation: instead of the output it writes smaller results. These are 2x2 means
+// of each channel for the next level, and sums over eight channels for the map (feature_sums.comp).
 layout(constant_id = 1) const bool REDUCED = false;
 #define FETCH imageLoad
 #define OUT_BINDING 2
@@ -24,9 +24,9 @@ void powers(int i, out float p[N]) {
   if (i == M - 1) p[N - 1] = 1.0;
 }
 
-// Sums over the input channels at the position whose transformed tiles begin at `at` and whose weights at `w`; moves both to
-// the next. `strip`: tiles of a plane. Two planes at a time, so that a sum stays in its register for eight products: of an odd
-// number of planes the last one comes twice, and the weights of the second time are zero.
+// Sums over the input channels at one position. Its transformed tiles begin at `at` and its weights at `w`; both are advanced
+// to the next position. `strip`: tiles of a plane. It processes two planes at a time, so that a sum stays in its register for
+// eight products. For an odd number of planes the last one is used twice, the second time with zero weights.
 void product(int strip, inout int at, inout int w, out vec4 acc[T][2]) {
   int lanes = int(gl_WorkGroupSize.x);
   [[unroll]] for (int t = 0; t < T; ++t) acc[t][0] = acc[t][1] = vec4(0.0);
@@ -54,7 +54,7 @@ void product(int strip, inout int at, inout int w, out vec4 acc[T][2]) {
   at += strip;
 }
 
-// Two positions of a row at points x and -x: even powers share their sum, odd ones their difference.
+// Adds two positions of a row at points x and -x: even powers use their sum, odd ones their difference.
 void add_pair(float x, vec4 plus[T][2], vec4 minus[T][2], inout vec4 row[N][T][2]) {
   [[unroll]] for (int t = 0; t < T; ++t)
     [[unroll]] for (int h = 0; h < 2; ++h) {
@@ -69,7 +69,7 @@ void add_pair(float x, vec4 plus[T][2], vec4 minus[T][2], inout vec4 row[N][T][2
 
 uint blocks() { return (push.out_planes + 1u) / 2u; }  // of eight output channels
 
-// A^T m A of block `block`, of the tiles whose transformed ones begin at `at`.
+// A^T m A of block `block`, for the transformed tiles that begin at `at`.
 void sums_of_block(uint block, int strip, int at, out vec4 sum[N][N][T][2]) {
   int w = int(push.weights + block * (M * M) * ((push.in_planes + 1u) / 2u) * 16u);
   [[unroll]] for (int a = 0; a < N; ++a)
@@ -102,7 +102,7 @@ void sums_of_block(uint block, int strip, int at, out vec4 sum[N][N][T][2]) {
   } while (++i < M);
 }
 
-// `first`: of the invocation's tiles among those of the strip; the others are a workgroup's lanes apart.
+// `first`: the index in the strip of the invocation's first tile; the others follow at distances of a workgroup's lanes.
 void write_reduced(uint block, int first, inout vec4 sum[N][N][T][2]) {
   int dilation = int(push.dilation), width = int(push.width), height = int(push.height), pitch = int(push.out_pitch);
   int out_plane = int(push.out_plane);

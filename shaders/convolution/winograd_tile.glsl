@@ -1,9 +1,9 @@
-// Which pixels a tile of N x N outputs covers. A dilated convolution has dilation^2 interleaved sub-grids with tiles of their
-// own, sites in rows of tiles_x. Needs N, M and `push`.
+// The pixels of a tile of N x N outputs. A dilated convolution has dilation^2 interleaved sub-grids with separate tiles, in
+// rows of tiles_x sites. Needs N, M and `push`.
 //
-// An odd dilation: the sub-grid (phase) is the innermost but one index, so that neighbours in number are neighbours in memory.
-// An even one: four sub-grids make 2x2 blocks of neighbouring pixels, and an invocation of the product has the tiles of all
-// four at its site; so tiles of the first for all lanes of a workgroup are followed by those of the second.
+// Odd dilation: the sub-grid (phase) is the second innermost index, so that tiles with adjacent numbers are adjacent in memory.
+// Even dilation: four sub-grids form 2x2 blocks of adjacent pixels, and an invocation of the product has the tiles of all four
+// at its site. Tiles of the first sub-grid for all lanes of a workgroup are therefore followed by those of the second.
 struct Tile {
   int image, x, y;  // first output pixel; the others are `dilation` apart. The image may be one too many
 };

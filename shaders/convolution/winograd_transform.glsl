@@ -4,7 +4,7 @@
 #include "convolution/winograd_points.glsl"
 #define TRANSFORM(m, I) transform(m I(0), m I(1), m I(2), m I(3), m I(4), m I(5));
 
-// Of the plane whose pixel (0, 0) is at `plane`; position (i, j) goes to texel to + (i M + j) step.
+// Transforms a tile of the plane whose pixel (0, 0) is at `plane`. Position (i, j) goes to texel to + (i M + j) step.
 void transform_tile(Tile tile, int plane, int to, int step) {
   int dilation = int(push.dilation), pitch = int(push.in_pitch);
   vec4 m[M][M];
@@ -14,13 +14,13 @@ void transform_tile(Tile tile, int plane, int to, int step) {
     [[unroll]] for (int i = 0; i < M; ++i) {
       int y = tile.y + (i - 1) * dilation;
       bool inside = column && y >= 0 && y < int(push.height);
-      // Texel 0 is of the border. What else a tile at the edge would read depends on what lay there before.
+      // Texel 0 belongs to the border. Other texels beyond the edge may have old contents.
       m[i][j] = texelFetch(activations, inside ? plane + y * pitch + x : 0);
     }
 #define ROW(i) [i][j]
     TRANSFORM(m, ROW)
   }
-  // A loop whose rows move up, not M rows of code: what does not fit a core's instruction cache is slow on lavapipe.
+  // A loop that shifts rows instead of code for M rows: code larger than the instruction cache is slow on lavapipe.
   int i = 0;
   do {
 #define COLUMN(j) [0][j]

@@ -1,6 +1,6 @@
 #version 460
-// Which of two places that lie opposite about a pixel is the brighter: a bit a pair, whatever gain and bias. A view may be
-// turned against the reference, or farther away: its places lie where the plane in the middle of the range carries them.
+// Census: for each pair of opposite positions around a pixel, one bit for which is brighter, independent of gain and bias. A
+// view may be rotated or scaled relative to the reference; its positions are mapped by the plane in the middle of the range.
 // Groups: (ceil(width height / local size), 1, images).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
@@ -11,10 +11,11 @@ layout(set = 0, binding = 1, std140) uniform Views { DepthViews views; };
 layout(set = 0, binding = 2, std430) writeonly buffer Census { uint census[]; };
 layout(push_constant) uniform Push { DepthPush push; };
 
-// The plane's depth in the reference over its depth in the view. What is less is too small there, or behind the view.
+// The least ratio of the plane's depth in the reference to that in the view. Below it, the patch is too small or behind the
+// view.
 const float LEAST_NEARNESS = 0.05;
 
-// Exact at whole pixels.
+// The bilinear grey value, exact at whole pixels.
 float grey_of(int base, vec2 at) {
   at = clamp(at, vec2(0), vec2(push.width, push.height) - 1.0);
   vec2 low = floor(at), f = at - low;
@@ -23,7 +24,7 @@ float grey_of(int base, vec2 at) {
   return ends.x + f.y * (ends.y - ends.x);
 }
 
-// From offsets in the reference to offsets about a pixel of a view.
+// Maps offsets in the reference to offsets around a pixel of a view.
 mat2 warp_at(uint view, vec2 uv) {
   vec3 row_u = views.view[view].back_u.xyz, row_v = views.view[view].back_v.xyz, row_z = views.view[view].back_z.xyz;
   vec3 at = vec3(uv, 1);

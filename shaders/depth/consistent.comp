@@ -1,6 +1,6 @@
 #version 460
-// Keeps a pixel whose claim holds in a view at least: there the winner is no other plane. Who is hidden in every view loses his
-// claim to what hides him.
+// Keeps pixels whose claim is confirmed by at least one view: its winner there has the same plane. Pixels that are hidden in
+// every view lose their claims to the surfaces in front of them.
 // Groups: (ceil(width height / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"

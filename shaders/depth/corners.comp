@@ -1,6 +1,6 @@
 #version 460
-// The four pixels that lie about a place between pixels, in one texel: what a bilinear sample needs. Of the pixel with that
-// number, the one to its right, the one below, and the one below to the right.
+// Packs the four pixels of a bilinear sample in one texel: the pixel with that number, the one to its right, the one below, and
+// the one below to the right.
 // Groups: (ceil(width height / local size), 1, images).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"

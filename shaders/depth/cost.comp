@@ -1,12 +1,12 @@
 #version 460
-// Matching cost of every pixel and plane: Hamming distance of census signatures, of several views that see it the mean of the
-// better half, so that who is hidden in some is judged by the others. A prior adds its own cost.
+// The matching cost of every pixel and plane: the Hamming distance of census signatures. Of several views it is the mean of the
+// better half, so that views in which the pixel is hidden do not count. A prior adds a cost.
 // Groups: (ceil(width rows / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
 layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const uint QUADS = 8;
-layout(constant_id = 2) const uint VIEWS = 1;  // of the plan: push.views at most
+layout(constant_id = 2) const uint VIEWS = 1;  // of the plan, at least push.views
 #include "depth/words.glsl"
 #include "texels.glsl"
 WORDS_OF(0, census)
@@ -18,7 +18,7 @@ layout(push_constant) uniform Push { DepthPush push; };
 
 uint distance_to(uint own, int pixel) { return uint(bitCount(own ^ WORD(census, pixel))); }
 
-// Of four planes in a view.
+// The distances of four planes in a view.
 uvec4 distances(uint own, int base, vec3 h, vec3 e, vec4 w, out bvec4 inside) {
   ivec4 at = base + pixels_in(h, e, w, inside);
   return uvec4(distance_to(own, at.x), distance_to(own, at.y), distance_to(own, at.z), distance_to(own, at.w));
@@ -31,7 +31,7 @@ void main() {
   int pixel = int(push.strip * push.width + k);
   uint own = WORD(census, pixel);
   float prior = TEXEL(priors, pixel).x;
-  // Out of the loop, since a uniform block costs lavapipe more than the arithmetic.
+  // Outside the loop, because on lavapipe reading a uniform block is slower than the arithmetic.
   vec3 h[VIEWS], e[VIEWS];
   for (uint view = 0u; view < VIEWS; ++view) h[view] = ray_in(view, uv), e[view] = epipole_of(view);
   for (uint quad = 0u; quad < QUADS; ++quad) {
@@ -44,7 +44,7 @@ void main() {
       if (VIEWS == 1u) {
         sum = distances(own, int(area), h[0], e[0], w, seen);
       } else {
-        uvec4 b0 = uvec4(255u), b1 = b0, b2 = b0, b3 = b0;  // the four least, in order
+        uvec4 b0 = uvec4(255u), b1 = b0, b2 = b0, b3 = b0;  // the four smallest, in order
         uvec4 count = uvec4(0u);
         for (uint view = 0u; view < VIEWS; ++view) {
           if (view >= push.views) break;

@@ -1,6 +1,6 @@
 #version 460
-// Median over 3x3 of the pixels that have a plane, where at least five have one: it takes out what stands alone and closes
-// holes of a pixel. A slanted surface keeps its planes.
+// The median over 3x3 pixels with a plane, if at least five have one. It removes isolated values and closes holes of one pixel.
+// A slanted surface keeps its planes.
 // Groups: (ceil(width height / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
@@ -10,7 +10,7 @@ TEXELS(0, float, planes)
 layout(set = 0, binding = 1, std430) writeonly buffer Smooth { float smooth_planes[]; };
 layout(push_constant) uniform Push { DepthPush push; };
 
-const float NONE = 1e9;  // behind all planes, in order
+const float NONE = 1e9;  // larger than all planes
 
 void order(inout float a, inout float b) {
   float least = min(a, b);
@@ -31,7 +31,7 @@ void main() {
     s[i] = value < 0.0 ? NONE : value;
   }
   float own = s[4];
-  // A sorting network: constant places, or lavapipe gathers and scatters. First columns, then the lines across them.
+  // A sorting network with constant indices, because lavapipe is slow with variable ones. First columns, then rows.
   for (int i = 0; i < 3; ++i) order(s[i], s[i + 3]), order(s[i + 3], s[i + 6]), order(s[i], s[i + 3]);
   for (int i = 0; i < 9; i += 3) order(s[i], s[i + 1]), order(s[i + 1], s[i + 2]), order(s[i], s[i + 1]);
   order(s[1], s[3]), order(s[5], s[7]), order(s[2], s[6]), order(s[4], s[6]), order(s[2], s[4]);

@@ -1,9 +1,9 @@
 #version 460
-// Costs along one of the eight paths of semi-global matching (Hirschmueller 2008): L(p, d) = C(p, d) - min L(p - r) +
-// min(L(p - r, d), L(p - r, d +- 1) + p1, min L(p - r) + p2). p2 is less where grey values change.
+// Costs along one of the eight paths of semi-global matching (Hirschmueller 2008): L(p, d) = C(p, d) - min L(p - r) + min(L(p -
+// r, d), L(p - r, d +- 1) + p1, min L(p - r) + p2). p2 is smaller where grey values change.
 //
-// An invocation is a path, with the costs of its last pixel in registers: no shared memory, no barrier. Along a slanted path it
-// wraps round at the left and right border and begins anew there, so that all have the same length.
+// One invocation per path, with the costs of its last pixel in registers: no shared memory, no barrier. Slanted paths wrap
+// around at the left and right border and restart there, so that all have the same length.
 // Groups: (ceil(lines / local size), 1, 1), lines = dv == 0 ? rows : width.
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
@@ -18,7 +18,7 @@ layout(push_constant) uniform Push { DepthPush push; };
 
 uint least(uvec4 v) { return min(min(v.x, v.y), min(v.z, v.w)); }
 
-// Of the pixel before, less its least cost: the planes below the four at hand, these four.
+// Costs of the previous pixel minus its least cost: of the four planes before the current ones, and of the current four.
 uvec4 last, own;
 uvec4 lowest_four;
 
@@ -48,7 +48,7 @@ void main() {
     uint loss = uint(push.edge * abs(now - before));
     uint p2 = begin ? 0u : max(push.p1 + 1u, push.p2 - min(loss, push.p2));
     before = now;
-    uint four_lowest = lowest * 0x01010101u;  // no byte of what it is taken from is less
+    uint four_lowest = lowest * 0x01010101u;  // no byte of the minuend is smaller
     uint first = uint(pixel) * QUADS;
     last = uvec4(255u), own = unpack(previous[0].x - four_lowest), lowest_four = uvec4(255u);
     for (uint quad = 0u; quad < QUADS; ++quad) {

@@ -1,6 +1,6 @@
 #version 460
 // Inverse depth between the planes: Gauss-Newton on the grey values of a 7x7 patch, with gain and bias of each view eliminated.
-// The patch is a plane in space, with the slope that the neighbours have: inverse depth is affine over it.
+// The patch is a plane in space with the slope of its neighbours: its inverse depth is affine.
 // Groups: (ceil(width height / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
@@ -16,7 +16,7 @@ layout(push_constant) uniform Push { DepthPush push; };
 #include "depth/slope.glsl"
 
 const float LEAST_CORRELATION = 0.6;
-const float MOST = 0.5;  // planes that a pixel may move
+const float MOST = 0.5;  // the most planes that a pixel may move
 
 void main() {
   uint k = gl_GlobalInvocationID.x, area = push.width * push.height;
@@ -38,7 +38,7 @@ void main() {
     vec3 middle = ray_in(view, vec2(at)) + epipole_of(view) * push.first + a_plane * plane;
     float a1 = 0.0, d1 = 0.0, y1 = 0.0, aa = 0.0, dd = 0.0, yy = 0.0, ad = 0.0, ay = 0.0, dy = 0.0;
     bool seen = true;
-    // At the border its pixels count more than once, in both images.
+    // At the border, pixels count more than once, in both images.
     for (int j = -ICLK_POLISH_RADIUS; j <= ICLK_POLISH_RADIUS; ++j) {
       int v = clamp(at.y + j, 0, int(push.height) - 1), row = v * int(push.width);
       vec3 beginning = middle + float(v - at.y) * down;
@@ -49,7 +49,7 @@ void main() {
         vec2 uv = x.xy * scale;
         bool inside = x.z > 0.0 && uv.x >= 0.0 && uv.y >= 0.0 && uv.x < last.x && uv.y < last.y;
         seen = seen && inside;
-        vec2 way = scale * (a_plane.xy - uv * a_plane.z);  // pixels a plane
+        vec2 way = scale * (a_plane.xy - uv * a_plane.z);  // pixels per plane
         vec2 low = floor(uv), f = uv - low;
         vec4 g = TEXEL(corners, inside ? base + int(low.y) * int(push.width) + int(low.x) : base);
         vec2 upper_lower = mix(g.xz, g.yw, f.x), rise = g.yw - g.xz;
@@ -62,7 +62,7 @@ void main() {
     if (!seen) continue;
     aa -= a1 * a1 / count, dd -= d1 * d1 / count, yy -= y1 * y1 / count;
     ad -= a1 * d1 / count, ay -= a1 * y1 / count, dy -= d1 * y1 / count;
-    // Flat patches say nothing, bad matches are hidden here.
+    // Flat patches have no information; bad matches are hidden in this view.
     if (!(aa > 1e-6 * count) || !(yy > 0.0) || ay < LEAST_CORRELATION * sqrt(aa * yy)) continue;
     top += (dy - ad * ay / aa) / aa;
     bottom += (dd - ad * ad / aa) / aa;

@@ -1,5 +1,5 @@
 // Slopes of the surface at a pixel; needs texels `planes` and `push`.
-const float SLOPE_LIMIT = 1.5;  // planes a pixel: what is more is an edge
+const float SLOPE_LIMIT = 1.5;  // planes per pixel; more is an edge
 
 float plane_at(ivec2 at) {
   at = clamp(at, ivec2(0), ivec2(push.width, push.height) - 1);

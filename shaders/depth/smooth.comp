@@ -1,6 +1,6 @@
 #version 460
-// Noise between planes goes down: a pixel gets the mean of the window about it, of those that lie on its slope. Beside an edge
-// none of the other side takes part. A window of the refinement as wide as both together would reach over edges.
+// Reduces noise between planes: a pixel gets the mean of the pixels in its window that lie on its slope. At an edge, pixels of
+// the other side are left out. A wider window in the refinement instead would cross edges.
 // Groups: (ceil(width height / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
@@ -11,7 +11,7 @@ layout(set = 0, binding = 1, std430) writeonly buffer Smooth { float smooth_plan
 layout(push_constant) uniform Push { DepthPush push; };
 #include "depth/slope.glsl"
 
-const float SAME = 0.5;  // planes off the slope, at most
+const float SAME = 0.5;  // largest distance from the slope, planes
 const int RADIUS = 3;
 
 void main() {

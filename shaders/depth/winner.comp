@@ -1,6 +1,6 @@
 #version 460
-// The plane with the least sum over the eight paths, between planes by a parabola; how much better it is than any that is not
-// its neighbour; and a claim on the pixel of each view where it lies, which the claim with the least sum wins.
+// Finds the plane with the least sum over the eight paths, interpolated by a parabola. The confidence is how much better it is
+// than all planes that are not adjacent. It also makes a claim on its pixel in each view; the claim with the least sum wins.
 // Groups: (ceil(width (answered_end - answered) / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "depth/depth.h"
@@ -25,7 +25,7 @@ layout(push_constant) uniform Push { DepthPush push; };
 uvec4 even(uvec4 words) { return words & 0x00ff00ffu; }
 uvec4 odd(uvec4 words) { return words >> 8 & 0x00ff00ffu; }
 
-// Plane by plane, so that no array of sums is needed: the best so far, the sums beside it, the least of those beyond.
+// Plane by plane, without an array of sums: the best one so far, the sums beside it, the least of the others.
 const uint NONE = 0xffffu;
 uint best = 0u, least = NONE, below = NONE, above = NONE, second = NONE;
 uint last = NONE, before = NONE;  // the last plane's sum; the least of the planes before that

@@ -1,5 +1,5 @@
-// As texels.glsl, of 32-bit words: WORDS_OF(place, name) declares them, WORD(name, i) is one; QUADS_OF and QUAD are four at
-// once.
+// Like texels.glsl, for 32-bit words: WORDS_OF(place, name) declares them, WORD(name, i) reads one; QUADS_OF and QUAD read four
+// at once.
 #ifdef ICLK_STORAGE_READS
 #define WORDS_OF(place, name)                                                                  \
   layout(set = 0, binding = place, std430) readonly buffer name##_buffer { uint name##_words[]; }; \

@@ -1,5 +1,5 @@
-// Where a layer's output goes: texels of four channels. Needs OUT_BINDING; with IN_BINDING the shader reads another layer's
-// output, as TEXEL(activations, i).
+// The output of a layer: texels of four channels. Needs OUT_BINDING. With IN_BINDING the shader reads the output of another
+// layer, as TEXEL(activations, i).
 layout(set = 0, binding = OUT_BINDING, std430) writeonly buffer Out { vec4 texels[]; };
 
 vec4 elu(vec4 x) { return mix(exp(min(x, 0.0)) - 1.0, x, greaterThan(x, vec4(0.0))); }

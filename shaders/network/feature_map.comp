@@ -18,14 +18,14 @@ void main() {
   int pitch = int(push.in_pitch);
   int at = int(push.in_offset + image * push.in_image + 2u * y * push.in_pitch + 2u * x);
   uint to = push.out_offset + image * push.out_image + y * push.out_pitch + x;
-  // Push constants are read before lanes part, see docs/explain/convolutions.md.
+  // Push constants are read before branches diverge, see docs/explain/convolutions.md.
   int in_plane = int(push.in_plane);
   uint out_plane = push.out_plane, planes = push.in_planes, c = 0u;
   Block block = block_at(x, y, image);
   if (2u * x >= push.width) return;
   vec4 sum[4] = vec4[](vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0));
   do {
-    // Beyond the last row or column lies the border.
+    // The border is beyond the last row and column.
     vec4 a = TEXEL(activations, at), b = TEXEL(activations, at + 1);
     vec4 d = TEXEL(activations, at + pitch), e = TEXEL(activations, at + pitch + 1);
     sum[0] += a;

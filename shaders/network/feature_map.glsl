@@ -1,14 +1,14 @@
-// A level's map: means over the channels, of the pixels that are asked for. Needs the push constants FeatureMapPush.
+// A level's map: means over the channels of the requested pixels. Needs the push constants FeatureMapPush.
 layout(set = 0, binding = 1, std430) writeonly buffer Maps { float maps[]; };
 
 // 2x2 pixels of the map.
 struct Block {
-  uint map, pitch;  // where the first one lies
+  uint map, pitch;  // of the first one
   uvec2 at, first, end;
   float inverse_channels;
 };
 
-// Reads the push constants, which lavapipe does dearly where lanes have parted.
+// Reads the push constants, which is slow on lavapipe after divergent branches.
 Block block_at(uint x, uint y, uint image) {
   uint pitch = push.map_pitch;
   return Block((push.first_image + image) * push.map_stride + push.map_offset + 2u * y * pitch + 2u * x, pitch,

@@ -1,12 +1,12 @@
 #version 460
-// End of an encoder level whose last layer left sums over eight channels each (winograd_sums.glsl): the feature map is the
-// mean over all. An invocation makes two 2x2 blocks of a row, so that four floats are stored at once.
+// The end of an encoder level whose last layer has written sums over eight channels each (winograd_sums.glsl). The feature map
+// is the mean over all channels. An invocation computes two 2x2 blocks of a row, so that four floats are stored at once.
 // Groups: (ceil(ceil(width / 4) / local size), ceil(height / 2), images).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "network/network.h"
 layout(local_size_x_id = 0) in;
-// Rows of the map and the pixels that are asked for begin and end on multiples of four, or end with the row.
+// Rows of the map and the requested pixels begin and end at multiples of four, or end with the row.
 layout(constant_id = 1) const bool WHOLE = false;
 layout(set = 0, binding = 0, std430) readonly buffer Sums { vec4 sums[]; };
 layout(push_constant) uniform Push { FeatureMapPush push; };

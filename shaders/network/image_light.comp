@@ -1,5 +1,5 @@
 #version 460
-// What image_moments.comp has found of an image -> its mean and the inverse of its standard deviation.
+// Computes the mean and the inverse standard deviation of an image from the results of image_moments.comp.
 // Groups: (images, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -9,7 +9,7 @@ layout(set = 0, binding = 0, std430) readonly buffer Moments { vec4 moments[]; }
 layout(set = 0, binding = 1, std430) writeonly buffer Light { vec2 light[]; };
 shared vec4 parts[gl_WorkGroupSize.x];
 
-// Count, mean and sum of squared deviations of two sets together (Chan, Golub and LeVeque 1979).
+// Merges count, mean and sum of squared deviations of two sets (Chan, Golub and LeVeque 1979).
 vec4 merged(vec4 a, vec4 b) {
   float n = a.x + b.x;
   if (n == 0.0) return a;

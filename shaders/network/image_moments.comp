@@ -1,6 +1,6 @@
 #version 460
-// Raw pixels -> count, mean and sum of squared deviations of what each invocation has seen: some columns of a strip of rows,
-// all channels that the model takes together. image_light.comp merges them.
+// Computes count, mean and sum of squared deviations of the raw pixels of each invocation: some columns of a strip of rows, all
+// input channels of the model together. image_light.comp merges them.
 // Groups: (1, ICLK_LIGHT_STRIPS, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -14,10 +14,10 @@ void main() {
   uint lane = gl_LocalInvocationIndex, strip = gl_WorkGroupID.y, image = gl_WorkGroupID.z;
   uint rows = (push.height + ICLK_LIGHT_STRIPS - 1u) / ICLK_LIGHT_STRIPS;
   uint first = strip * rows, end = min(first + rows, push.height);
-  // Read before the loops: what is read where lanes may be off is read anew, and dearly, by lavapipe.
+  // Read before the loops, because lavapipe repeats slow reads of push constants in divergent code.
   uint base = (push.first_image + image) * push.pixel_stride, width = push.width, row_pixels = push.row_pixels;
   bool luma_only = CHANNELS == 1u;
-  // Deviations from one of the values, so that no digits are lost where all of them are large.
+  // Deviations from one of the values, so that large values lose no digits.
   float shift = FLOATS ? 0.0 : 0.5, sum = 0.0, squares = 0.0;
   uint count = 0u;
   for (uint v = first; v < end; ++v)
@@ -27,7 +27,7 @@ void main() {
       vec3 size = abs(c);
       if (FLOATS) {
         bool counts = size.x < ICLK_LARGEST_PIXEL && size.y < ICLK_LARGEST_PIXEL && size.z < ICLK_LARGEST_PIXEL;
-        if (!counts) continue;  // nor does NaN
+        if (!counts) continue;  // NaN does not count either
         if (count == 0u) shift = c.x;
       }
       vec3 d = c - shift;

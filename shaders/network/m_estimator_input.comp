@@ -1,7 +1,7 @@
 #version 460
-// Input of the convolutional M-estimator: (|r|, f0, warped f1, weight of the coarser level) of every visible mask pixel, at its
-// place in an image of the level that was zeroed before, in two halves, so that a buffer holds twice as many pixels. Leaves
-// the residuals as well, 3e38 where invisible.
+// Input of the convolutional M-estimator: (|r|, f0, warped f1, weight of the coarser level) of every visible mask pixel,
+// written to a zeroed image of the level. It has two halves, so that a buffer fits twice as many pixels. Also writes the
+// residuals; 3e38 for invisible pixels.
 // Groups: (ceil(element_count / local size), pairs of the pass, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -24,7 +24,7 @@ layout(push_constant) uniform Push { MEstimatorPush push; };
 #include "align/residual.glsl"
 #include "align/pair.glsl"
 
-// Bilinear, corners not aligned: the grids' borders coincide, not their outer pixels.
+// Bilinear by pixel areas: the borders of both grids coincide, not their outer pixel centres.
 float coarser_weight(uint pair, LevelInfo info, vec2 pixel) {
   if (push.coarsest != 0u) return 1.0;
   LevelInfo coarse = levels[push.level + 1u];

@@ -1,7 +1,7 @@
 #version 460
-// Cuts the M-estimator's input around each patch, as wide as its receptive field, zero outside the level; or, where the network
-// sees the level in one piece, puts the same border around the level of each pair, and a patch is a level here.
-// Groups: (ceil(pixels of a piece / local size), n, m), n m >= patches.
+// Cuts the M-estimator's input around each patch, as wide as its receptive field, with zeros outside the level. If the network
+// processes whole levels, a "patch" is the level of a pair with the same border.
+// Groups: (ceil(pixels of a patch / local size), n, m), n m >= patches.
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "texels.glsl"

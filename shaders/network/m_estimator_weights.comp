@@ -1,6 +1,6 @@
 #version 460
-// End of the M-estimator: sigmoid of its last layer, times the mask of visible pixels, to the weights of the elements and to
-// the map that the next finer level takes as its prior. Groups: (ceil(64 patches / local size), 1, 1).
+// The end of the M-estimator: the sigmoid of its last layer times the mask of visible pixels. It is written to the weights of
+// the elements, and to the map that the next finer level reads. Groups: (ceil(64 patches / local size), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "texels.glsl"
@@ -40,7 +40,7 @@ void main() {
   }
   float x = TEXEL(activations, int(at)).x;
   float weight = visible ? 1.0 / (1.0 + exp(-x)) : 0.0;
-  // Four elements of a lane are neighbours there: weights.glsl.
+  // Four elements of a lane are adjacent there: weights.glsl.
   uint block = k / (4u * LANES) * (4u * LANES), in_block = k - block;
   weights[pair * push.weight_stride + block + 4u * (in_block % LANES) + in_block / LANES] = weight;
   if (visible && push.level > 0u)

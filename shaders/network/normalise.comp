@@ -1,6 +1,6 @@
 #version 460
-// Normalisation: raw pixels -> (channel - mean) / std, one texel a pixel; where the model says so, of an image that has been
-// brought to zero mean and unit deviation before. A single-channel model takes luma, a grey image is three equal channels.
+// Normalisation: raw pixels to (channel - mean) / std, one texel per pixel. With Normalisation::image, the image is first
+// normalised to zero mean and unit deviation. A single-channel model uses luma; a grey image has three equal channels.
 // Groups: (ceil(width / PIXELS / local size), height, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

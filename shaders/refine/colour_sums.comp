@@ -1,8 +1,8 @@
 #version 460
-// What aligned patches say of the target's colours, for the grey values that fit the reference's (refine/internal/recolour.h).
+// The colour sums of aligned patches, for the grey values that fit the reference (refine/internal/recolour.h).
 // refine/internal/align_feature.cpp has the same in double precision: colour_sums().
-// Inputs: as feature_alignment.comp, what it has found, and the targets' raw pixels. Output: one ColourInfo a feature, zero
-// unless it is aligned and its task asks.
+// Inputs: those of feature_alignment.comp, its results, and the targets' raw pixels. Output: one ColourInfo per feature, zero
+// unless it is aligned and its task requests it.
 // Groups: (features, tasks). Branches are uniform in a group.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -19,10 +19,10 @@ ColourInfo colour_sums(uint index, FeatureTask task) {
   mat2 A_inverse = warp_patch(feature, task).A_inverse;
   vec2 c0 = vec2(feature.u, feature.v), c1 = vec2(aligned[index].u, aligned[index].v);
   vec2 first = c1 - CENTRE;
-  ivec2 corner = clamp(ivec2(first), ivec2(0), f1.last - ICLK_PATCH);  // as feature alignment reads it
+  ivec2 corner = clamp(ivec2(first), ivec2(0), f1.last - ICLK_PATCH);  // as in feature alignment
   vec2 f = first - vec2(corner);
   uint base = task.pair * push.pixel_stride, at = uint((corner.y + row) * f1.pitch + corner.x);
-  // Of values about those in the middle: the squares of the values themselves are large beside what they differ by.
+  // Sums of differences from the values in the middle, because squares of the values are large compared to their differences.
   float middle_T = bilinear0(f0, c0);
   vec3 middle_C = colour(base, uint((corner.y + ICLK_PATCH / 2) * f1.pitch + corner.x + ICLK_PATCH / 2));
   vec3 blend[ICLK_PATCH + 1];

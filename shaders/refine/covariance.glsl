@@ -1,10 +1,10 @@
-// What refine/internal/uncertainty.cpp says of a pose, in single precision.
+// The covariance parts of refine/internal/uncertainty.cpp in single precision.
 
-shared float shared_part[36];  // a covariance; lane 0 writes
-shared float by[24];           // what the pose makes of each of four columns
+shared float shared_part[36];  // a covariance; written by lane 0
+shared float by[24];           // the effect of the pose on each of four columns
 
-// Columns of the calibration's and the depth's errors for a feature, whitened and weighted like its Jacobian: px of focal
-// length and principal point, and sigmas of the depth.
+// The columns of a feature for errors of calibration (px of focal length and principal point) and depth (sigmas), whitened and
+// weighted like its Jacobian.
 struct SharedColumns {
   vec2 cx, cy, focal, depth;
 };
@@ -42,7 +42,7 @@ WeightedFeature weighted_feature(uint i, Pose T, float scale, float relative_dep
 
 #define TAKES_PART(i) (observations[i].used != 0u && project(feature_at(i), T).in_front)
 
-// Eigenvalues `s` of the symmetric matrix M, and V^T b: rotations of Jacobi.
+// Computes the eigenvalues `s` of the symmetric matrix M, and V^T b, by Jacobi rotations.
 void diagonalise(mat3 M, inout vec3 b, out vec3 s) {
   [[dont_unroll]] for (int sweep = 0; sweep < 8; ++sweep)
     [[dont_unroll]] for (int k = 0; k < 3; ++k) {
@@ -61,9 +61,9 @@ void diagonalise(mat3 M, inout vec3 b, out vec3 s) {
   s = vec3(M[0][0], M[1][1], M[2][2]);
 }
 
-// Of the calibration's variance tau, along an eigenvector of eigenvalue s.
+// The log-likelihood of the calibration's variance tau, along an eigenvector with eigenvalue s.
 float log_likelihood(float s, float b, float variance, float tau) {
-  if (4.0 * s < 1e-4 * variance) return 0.0;  // not even 2 px show
+  if (4.0 * s < 1e-4 * variance) return 0.0;  // even 2 px have no effect
   float v = variance + tau * s;
   return -0.5 * (log(v) + b * b / (s * v));
 }
@@ -86,7 +86,7 @@ void shared_errors(Pose T, float scale, float relative_depth, float psi2, float 
     by[lane] = t;
   }
   barrier();
-  // The part of the calibration's columns that the pose cannot have taken up.
+  // The part of the calibration's columns that the pose cannot absorb.
   clear(s);
   EACH_FEATURE(i) {
     if (!TAKES_PART(i)) continue;
@@ -109,7 +109,7 @@ void shared_errors(Pose T, float scale, float relative_depth, float psi2, float 
   if (!(variance > 0.0)) return;
   vec3 b = vec3(s[6], s[7], s[8]), eigen;
   diagonalise(mat3(s[0], s[3], s[4], s[3], s[1], s[5], s[4], s[5], s[2]), b, eigen);
-  // The weight of each sigma; of none as much as of all others together. They are gone over twice, the largest first.
+  // The weight of each sigma; zero has the weight of all others together. There are two passes, the largest sigma first.
   float most = -INFINITE, all = 0.0, mean = 0.0;
   [[dont_unroll]] for (int k = 0; k < 22; ++k) {
     float sigma = k % 11 == 0 ? 0.0 : 0.02 * pow(100.0, float(k % 11 - 1) / 9.0), tau = sigma * sigma;
@@ -129,7 +129,7 @@ void shared_errors(Pose T, float scale, float relative_depth, float psi2, float 
   }
 }
 
-// depth_covariance() at ICLK's own pose, into shared_part; zero where the features do not determine it.
+// depth_covariance() at ICLK's own pose, into shared_part; zero if the features do not determine it.
 void depth_covariance(Pose T, float relative_depth) {
   float H[SUMS], s[SUMS];
   clear(H);
@@ -158,7 +158,7 @@ void depth_covariance(Pose T, float relative_depth) {
   factorise(0.0, ICLK_LEAST_EIGENVALUE);
   invert();
   if (lane >= 36u) return;
-  // inverse (singles + common common^T) inverse + what the maps are off by together
+  // inverse (singles + common common^T) inverse + the common error of the maps
   uint i = lane / 6u, j = lane % 6u;
   float t = totals[21] * ICLK_MAP_SIGMA * ICLK_MAP_SIGMA * columns[lane];
   [[dont_unroll]] for (uint k = 0u; k < 6u; ++k)

@@ -1,23 +1,23 @@
 #version 460
-// Feature alignment: one feature a workgroup, one row of its 8x8 patch an invocation. refine/internal/align_feature.cpp is the
-// same, function by function, in double precision.
-// Inputs: grey maps, tasks, features (inverse depth 0: takes no part). Output: one AlignedInfo a feature.
-// Groups: (features, tasks).
-// Every invocation of a group holds the same position and sums, so branches on them are uniform and barriers within them legal.
+// Feature alignment: one workgroup per feature, one invocation per row of its 8x8 patch. refine/internal/align_feature.cpp has
+// the same functions in double precision.
+// Inputs: grey maps, tasks, features (inverse depth 0: unused). Output: one AlignedInfo per feature.
+// Groups: (features, tasks). Every invocation of a group has the same position and sums, so branches on them are uniform and
+// may contain barriers.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "refine/feature_patch.glsl"
 layout(set = 0, binding = 8, std430) writeonly buffer Aligned { AlignedInfo aligned[]; };
 
 
-// Variance of bilinearly interpolated white noise over its variance.
+// The variance of bilinearly interpolated white noise divided by that of the noise.
 float interpolation_noise(vec2 p) {
   vec2 a = p - floor(p);
   vec2 k = (1.0 - a) * (1.0 - a) + a * a;
   return k.x * k.y;
 }
 
-// This invocation's row of the warped patch, and what the whole patch shares.
+// This invocation's row of the warped patch, and the data of the whole patch.
 struct Template {
   bool inside;
   float T[ICLK_PATCH], Tu[ICLK_PATCH], Tv[ICLK_PATCH];
@@ -96,7 +96,7 @@ Sums sum_patch(MapView f1, vec2 c1, Template t) {
   s.inside = all(greaterThanEqual(f1.last, ivec2(ICLK_PATCH))) && all(greaterThanEqual(first, vec2(0.0))) &&
              all(lessThanEqual(first + float(ICLK_PATCH - 1), vec2(f1.last)));
   if (!s.inside) return s;
-  // A patch that ends on the last pixel interpolates towards it from the one before, as everywhere.
+  // A patch that ends on the last pixel interpolates between it and the previous one.
   ivec2 corner = clamp(ivec2(first), ivec2(0), f1.last - ICLK_PATCH);
   vec2 f = first - vec2(corner);
   int at = f1.base + (corner.y + row) * f1.pitch + corner.x;
@@ -145,7 +145,7 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
     }
     float size = length(s.step);
     if (!is_finite(size) || s.gain <= 0.0) break;
-    // A step beyond a pixel leaves the range of the linearisation: its direction is kept, its length is not.
+    // A step of more than a pixel exceeds the linearisation: it keeps its direction and is shortened.
     f.uv1 += s.step * min(1.0, 1.0 / max(size, 1e-12));
     if (length(f.uv1 - start) > max_motion) break;
     if (size < push.step_tolerance) {
@@ -174,7 +174,8 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
     f.status = BAD_MATCH;
     return f;
   }
-  // See align_level in refine/internal/align_feature.cpp: what interpolation took from the residual's variance.
+  // The share of the residual's variance that interpolation has removed: see align_level() in
+  // refine/internal/align_feature.cpp.
   float smoothing = (1.0 + g2) / (interpolation_noise(f.uv1 - CENTRE) + g2 * t.noise);
   f.covariance = smoothing * vec3(photometric[0].x, photometric[0].y, photometric[1].y);
   return f;

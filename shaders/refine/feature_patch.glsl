@@ -1,5 +1,5 @@
-// Patches of features and where a pose takes them: what feature_alignment.comp and colour_sums.comp share. One feature a
-// workgroup, one row of its 8x8 patch an invocation.
+// Patches of features and their warps, for feature_alignment.comp and colour_sums.comp. One workgroup per feature, one
+// invocation per row of its 8x8 patch.
 #include "shared.h"
 #include "refine/refine.h"
 #include "texels.glsl"
@@ -65,7 +65,7 @@ float fetch1(MapView m, int at) {
 
 float bilinear0(MapView m, vec2 p) {
   p = clamp(p, vec2(0.0), vec2(m.last));
-  ivec2 corner = clamp(ivec2(p), ivec2(0), m.last - 1);  // in integers: a NaN still reads a place that exists
+  ivec2 corner = clamp(ivec2(p), ivec2(0), m.last - 1);  // as integers, so that a NaN reads a valid address
   vec2 f = p - vec2(corner);
   int at = m.base + corner.y * m.pitch + corner.x;
   vec2 top = vec2(fetch0(m, at), fetch0(m, at + 1));

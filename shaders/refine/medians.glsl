@@ -1,5 +1,5 @@
-// Medians of observations[].value by bisection of the bits, which order as the floats do where none is negative. The upper one
-// of an even number; INFINITE values count, negative ones take no part.
+// Medians of observations[].value by bisection of the bits, which have the order of non-negative floats. For an even number it
+// is the upper one. INFINITE values count; negative values are unused.
 shared uint below;
 
 float median_of(uint count) {

@@ -1,6 +1,6 @@
-// One pair a workgroup, its features strided over the invocations: what refine_pose, refine_turn and refine_verdict share.
-// refine/internal/reprojection.cpp has the same in double precision.
-// Every invocation holds the same pose and sums, so branches on them are uniform and barriers within them legal.
+// Functions for refine_pose, refine_turn and refine_verdict: one workgroup per pair, with its features strided over the
+// invocations. refine/internal/reprojection.cpp has the same in double precision. Every invocation has the same pose and sums,
+// so branches on them are uniform and may contain barriers.
 #include "shared.h"
 #include "refine/refine.h"
 #include "se3.glsl"
@@ -44,7 +44,7 @@ void begin(uint index) {
   if (pair.unit == 0.0) pair.unit = reference.mean_inverse_depth > 0.0 ? reference.mean_inverse_depth : 1.0;
 }
 
-// In the unit of the pair.
+// A feature in the unit of the pair.
 FeatureInfo feature_at(uint i) {
   FeatureInfo f = features[i];
   f.inverse_depth /= pair.unit;
@@ -56,7 +56,7 @@ float row_time(float v) { return (v + 0.5) / float(push.height) - 0.5; }
 
 mat3 turned_by(vec3 phi) { return se3_exp(vec3(0.0), phi).R; }
 
-// Where a feature was found, as a camera has it that reads all rows at once: unrolled().
+// The position of an aligned feature, corrected to a global shutter: unrolled().
 vec2 position_of(uint i) {
   vec2 uv = vec2(aligned[i].u, aligned[i].v);
   if (turn == vec3(0.0)) return uv;
@@ -106,7 +106,7 @@ Rows jacobian(Projection x, float q, Pose T) {
   return Rows(float[6](a.x, a.y, a.z, c.x, c.y, c.z), float[6](b.x, b.y, b.z, d.x, d.y, d.z));
 }
 
-// q du1 / dq, px: where a relative error of the inverse depth leads.
+// q du1 / dq, px: the motion per relative error of the inverse depth.
 vec2 along_epipolar(Projection x, float q, Pose T) { return q * vec2(dot(x.du, T.t), dot(x.dv, T.t)); }
 
 // sigma_0 (C + sigma_0^2 I)^-1/2; C and the result as (uu, uv, vv).
@@ -136,7 +136,7 @@ float square_of(uint i, Projection x, out vec2 r) {
   return x.in_front ? dot(w, w) : INFINITE;
 }
 
-// Whether the pose puts a feature within so many px of where it was found.
+// Whether the pose projects a feature to within `distance` px of its aligned position.
 bool is_near(uint i, Pose T, float distance) {
   Projection x = project(feature_at(i), T);
   return x.in_front && length(x.uv1 - position_of(i)) <= distance;

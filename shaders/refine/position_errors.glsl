@@ -1,15 +1,15 @@
-// What positions are off by beyond what their patches say: position_errors() of refine/internal/uncertainty.h. One hundred
-// candidates of (floor, relative sigma of depth), each weighed by its likelihood over the observations.
+// Errors of positions beyond their patches' covariances: position_errors() of refine/internal/uncertainty.h. There are 100
+// candidates of (floor, relative sigma of depth), each weighted by its likelihood over the observations.
 const uint FLOORS = 10, CANDIDATES = 100;
 shared vec4 samples[ICLK_REFINE_GROUP];  // residual, along the epipolar line
-shared vec4 spreads[ICLK_REFINE_GROUP];  // covariance, relative sigma of the feature's own depth; not below 0: takes part
+shared vec4 spreads[ICLK_REFINE_GROUP];  // covariance, relative sigma of the feature's depth; 0 or above: used
 shared float costs[2 * ICLK_REFINE_GROUP];
 
 float floor_of(uint candidate) {
   return push.min_sigma * pow(push.max_sigma / push.min_sigma, float(candidate % FLOORS) / float(FLOORS - 1u));
 }
 
-// None; and from a sixty-fourth of the largest, by factors of 1.68.
+// Zero, and from 1/64 of the largest value in factors of 1.68.
 float depth_of(uint candidate) {
   uint d = candidate / FLOORS;
   return d == 0u ? 0.0 : push.max_depth_sigma * exp2(-6.0 + 0.75 * float(d - 1u));

@@ -1,7 +1,7 @@
 #version 460
-// Where many depths are wrong, a descent from the pose that all features agreed on ends between the right ones and the wrong
-// ones. So each invocation draws three features, and keeps the pose that explains them exactly at the least cost over all:
-// consensus() of refine/pose.cpp. refine_pose.comp starts there too.
+// If many depths are wrong, a descent from the pose of all features ends between the right ones and the wrong ones. Therefore
+// each invocation draws sets of three features, and keeps the pose with the least cost over all features: consensus() of
+// refine/pose.cpp. refine_pose.comp also starts there.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -13,12 +13,12 @@ layout(set = 0, binding = 7, std430) readonly buffer Tasks { FeatureTask tasks[]
 #include "search/three_of.glsl"
 
 shared uint counts[ICLK_REFINE_GROUP];
-shared vec4 rays[ICLK_REFINE_GROUP];    // x, y at depth 1, inverse depth, takes part
+shared vec4 rays[ICLK_REFINE_GROUP];    // x, y at depth 1, inverse depth, used
 shared vec4 places[ICLK_REFINE_GROUP];  // u1, v1, W_uu, W_vv
 shared float skew[ICLK_REFINE_GROUP];   // W_uv
 shared float costs[ICLK_REFINE_GROUP];
 
-// Entry k of the list becomes the k-th feature that takes part.
+// Entry k of the list becomes the k-th used feature.
 void list_observations() {
   uint each = (pair.feature_count + ICLK_REFINE_GROUP - 1u) / ICLK_REFINE_GROUP;
   uint first = pair.first_feature + min(lane * each, pair.feature_count),
@@ -59,7 +59,7 @@ void load(uint from) {
   barrier();
 }
 
-// Of every invocation's own pose, over all features.
+// The cost of each invocation's pose over all features.
 float cost_of(Pose T) {
   float cost = 0.0, scale = 1.0 / (ICLK_SHARP * ICLK_SHARP);
   vec2 focal = vec2(reference.fx, reference.fy), principal = vec2(reference.cx, reference.cy);

@@ -1,9 +1,9 @@
 #version 460
-// One round's pose for each pair: refine_pose() of refine/pose.h in single precision, its covariance aside. Levenberg-Marquardt
-// over the reprojection errors of the aligned features under Cauchy's loss: once with sigma_0 as given, also from the pose of
-// refine_consensus.comp, then with what the residuals say of themselves.
-// Inputs: features and where feature alignment found them. Outputs: states, and the tasks of the next round: none for a pair
-// that stands still.
+// The pose of one round for each pair: refine_pose() of refine/pose.h in single precision, without its covariance. It is
+// Levenberg-Marquardt over the reprojection errors of the aligned features with Cauchy's loss. The first solution uses the
+// given sigma_0, also from the pose of refine_consensus.comp; the last one uses the errors that the residuals give.
+// Inputs: features and aligned features. Outputs: states, and the tasks of the next round; no task for a pair whose pose does
+// not change.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -31,7 +31,7 @@ float evaluate(Pose T, float scale) {
     vec2 r;
     float square = square_of(i, x, r);
     if (!x.in_front) {
-      s[27] = INFINITE;  // the step is taken back
+      s[27] = INFINITE;  // the step is undone
       continue;
     }
     float ratio = square / (scale * scale), w = 1.0 / (1.0 + ratio);
@@ -47,7 +47,8 @@ float evaluate(Pose T, float scale) {
   return s[27];
 }
 
-// The damped step from the sums of the accepted pose, in columns[0..5]. Its size in px; below 0: there is none.
+// Computes the damped step from the sums of the accepted pose, in columns[0..5]. Returns its size in px; below 0: there is no
+// step.
 float propose(float damping) {
   if (lane < 6u) columns[lane] = -matrix[21u + lane];
   factorise(damping, ICLK_LEAST_PIVOT);
@@ -57,8 +58,8 @@ float propose(float damping) {
   return positive && is_finite(size) ? size : -1.0;
 }
 
-// From T, in so many steps at most; the status says whether they died out.
-// One place evaluates and one solves: what is inlined once compiles soon.
+// Minimises from T in at most `iterations` steps; `status`: whether they converged. There is only one call to evaluate and one
+// to solve, because inlining them once compiles fast.
 Pose minimise(Pose T, float scale, uint iterations, out uint status, out float cost) {
   float damping = 1e-4, growth = 2.0, size = 0.0;
   Pose next = T;
@@ -78,7 +79,7 @@ Pose minimise(Pose T, float scale, uint iterations, out uint status, out float c
       damping *= growth;
       growth *= 2.0;
     }
-    // A step of so little, or no way down: what is left of the gradient is rounding.
+    // A tiny step or no descent: the rest of the gradient is rounding.
     if (n > 0u && (size < 1e-4 || (better && gain <= 1e-7 * cost) || damping > 1e6)) status = CONVERGED;
     if (status != MAX_ITERATIONS || n == iterations) break;
     size = propose(damping);
@@ -92,7 +93,7 @@ Pose minimise(Pose T, float scale, uint iterations, out uint status, out float c
   return T;
 }
 
-// Standard deviation across the line that fits points best, from their sums and those of their products (uu, uv, vv).
+// The standard deviation of points across their best line, from their sums and the sums of their products (uu, uv, vv).
 float width_of(float count, vec2 sums, vec3 products) {
   vec2 mean = sums / count;
   vec3 C = products / count - vec3(mean.x * mean.x, mean.x * mean.y, mean.y * mean.y);
@@ -100,7 +101,7 @@ float width_of(float count, vec2 sums, vec3 products) {
   return sqrt(max(half_trace - length(vec2(half_difference, C.y)), 0.0));
 }
 
-const int DESCENT = 0, MEASURE = 1, OTHER = 2, LAST = 3;  // MEASURE: what the descent is worth to OTHER
+const int DESCENT = 0, MEASURE = 1, OTHER = 2, LAST = 3;  // MEASURE: the cost of the descent's pose for OTHER
 
 void main() {
   uint index = gl_WorkGroupID.x;
@@ -130,7 +131,7 @@ void main() {
     if (pass == LAST || pass == DESCENT || (pass == OTHER && wins)) status = ending;
   }
 
-  // Who agrees, how far it moved, and whether the same features are aligned as in the round before.
+  // The inliers, the motion of the pose, and whether the same features are aligned as in the previous round.
   float s[SUMS];
   clear(s);
   float farthest = 0.0;
@@ -168,7 +169,7 @@ void main() {
   states[index].inliers = uint(inliers);
   states[index].status = status;
   states[index].rounds += 1u;
-  // A pose on which few agree may still warp the patches better than the one before: the next round tells, or the verdict.
+  // A pose with few inliers may still warp the patches better than the previous one; the next round or the verdict decides.
   bool moving = inliers >= float(push.min_features) && (s[2] > 0.0 || s[1] > 0.0);
   if (moving) tasks[index].pose = floats_of(scaled(T, 1.0 / pair.unit));
   else tasks[index].feature_count = 0u;

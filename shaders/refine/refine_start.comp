@@ -1,6 +1,6 @@
 #version 460
-// Refinement begins at the poses that ICLK found: the first tasks of feature alignment.
-// Inputs: pairs, ICLK's results. Outputs: tasks, states, turns of zero, and as refined what ICLK has.
+// Makes the first tasks of feature alignment, at the poses of ICLK.
+// Inputs: pairs, ICLK's results. Outputs: tasks, states, turns of zero, and ICLK's results as refined ones.
 // Groups: (ceil(pairs / 64), 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

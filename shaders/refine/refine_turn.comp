@@ -1,8 +1,8 @@
 #version 460
 // After the last round: the turn of the target while its rows were read, pair_turn() of refine/internal/turn.h in single
-// precision. A pair that is proven to have turned gets one pose more, of the positions as unrolled() has them; the verdict
-// takes it if no feature is lost by it.
-// Inputs: features, where they were found, states. Outputs: turns, the tasks of that pose: none for a pair that is straight.
+// precision. A pair with a proven turn gets another pose, from the positions of unrolled(). The verdict takes it if it loses no
+// inlier.
+// Inputs: features, aligned features, states. Outputs: turns, and the tasks of that pose; no task for a pair without a turn.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -12,7 +12,7 @@ layout(set = 0, binding = 7, std430) buffer Tasks { FeatureTask tasks[]; };
 #include "refine/solve.glsl"
 #include "refine/medians.glsl"
 
-// A feature at the time of its row, how far off it was found, and du1 / d(pose, turn).
+// A feature at the time of its row, its residual, and du1 / d(pose, turn).
 struct Sighting {
   bool in_front;
   vec2 r;
@@ -35,7 +35,7 @@ Sighting sighting(uint i, Pose T, vec3 turned) {
   return s;
 }
 
-// px, of a component: by the median of the `count` used features.
+// The scatter of a component in px, by the median of the `count` used features.
 float scatter(Pose T, vec3 turned, uint count) {
   EACH_FEATURE(i) {
     observations[i].value = -1.0;
@@ -46,8 +46,8 @@ float scatter(Pose T, vec3 turned, uint count) {
   return median_of(count) / sqrt(2.0 * log(2.0));
 }
 
-// One Gauss-Newton step of pose and turn, the pose eliminated: A is its block of the normal equations, B the block between,
-// and `columns` are left as A^-1 B. S: what is known of the turn then. False: the features do not determine the pose.
+// One Gauss-Newton step of pose and turn; the pose is eliminated. A is its block of the normal equations, B the coupling block;
+// `columns` become A^-1 B. S: the information about the turn. Returns false if the features do not determine the pose.
 bool step_turn(inout Pose T, inout vec3 turned, float sigma, out mat3 S) {
   float s[SUMS], squared = 1.0 / (sigma * sigma);
   clear(s);
@@ -121,14 +121,15 @@ void main() {
     }
     if (!step_turn(T, turned, sigma, S)) return;
   }
-  // How far the turn moves an ordinary pixel of the first or the last row.
+  // The motion of a typical pixel of the first or last row by the turn.
   float radius = 0.25 * float(max(push.width, push.height));
   float bend = 0.5 * length(turned * vec3(reference.fy, reference.fx, radius));
   float chi2 = dot(turned, S * turned);
   mat3 C = inverse(S);
   float odds = 0.5 * chi2 - 0.5 * log(determinant(S)) - 3.0 * log(ICLK_TURN_EXPECTED);
   float probability = 1.0 / (1.0 + exp(-odds));
-  // The way from the pose without the turn to the one with it: the logarithm to first order, since they are pixels apart.
+  // The twist from the pose without the turn to the one with it: the logarithm to first order, because they differ by pixels
+  // only.
   Pose straight = pose_of(before.pose);
   mat3 R = transpose(straight.R) * T.R;
   vec3 rho = transpose(straight.R) * (T.t - straight.t);

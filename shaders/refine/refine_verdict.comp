@@ -1,7 +1,7 @@
 #version 460
 // The verdict on each pair after the last round, and the covariance of its pose: the decision of refine/refiner.cpp in single
-// precision. Inputs: features, where they were found, states. Input and output: one RefinedInfo a pair, ICLK's result
-// before: a buffer of the results would be the ninth, and small GPUs bind eight.
+// precision. Inputs: features, aligned features, states. Input and output: one RefinedInfo per pair, at first the result of
+// ICLK. A separate buffer for that would be the ninth, but small GPUs bind only eight.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -14,7 +14,7 @@ layout(set = 0, binding = 7, std430) buffer Refined { RefinedInfo refined[]; };
 
 shared float factor_of_variance;
 
-// The patch centre is inside image 1 by the patch's half width.
+// Whether the patch centre is inside image 1 by half the width of a patch.
 bool is_visible(FeatureInfo f, Pose T) {
   PatchWarp w = warp_patch(f, reference, T);
   float margin = 0.5 * (ICLK_PATCH - 1);
@@ -22,8 +22,8 @@ bool is_visible(FeatureInfo f, Pose T) {
          w.uv1.x <= float(push.width) - 1.0 - margin && w.uv1.y <= float(push.height) - 1.0 - margin;
 }
 
-// (J^T W J)^-1 times the variance that the M-estimator sees, and what all features share, into shared_part; in the unit of
-// the pair. False: the features do not determine the pose.
+// Writes the covariance to shared_part, in the unit of the pair: (J^T W J)^-1 times the variance under the M-estimator, plus
+// the part of shared errors. Returns false if the features do not determine the pose.
 bool covariance_at(Pose T, RefineState state, out float sigma) {
   float scale = push.cauchy_scale * state.floor;
   float s[SUMS];
@@ -60,7 +60,7 @@ bool covariance_at(Pose T, RefineState state, out float sigma) {
   return true;
 }
 
-// What this pair's features say: (visible, candidates, aligned).
+// The numbers of (visible, candidates, aligned) features of this pair.
 vec3 counts_at(Pose T) {
   float s[SUMS];
   clear(s);
@@ -110,13 +110,13 @@ void main() {
     barrier();
   }
   uint iclk_status = refined[index].status, status = iclk_status, pose_status = state.status;
-  bool is_refined = false, keeps = false;  // keeps: ICLK's own pose stands, which the features neither confirm nor refute
+  bool is_refined = false, keeps = false;  // keeps: ICLK's pose is kept, which the features neither confirm nor refute
   vec3 counts = vec3(0.0);
   float sigma = 0.0, moved = 0.0;
   Pose T = pose_of(state.pose), iclk = scaled(pose_of(refined[index].pose), pair.unit);
   if (state.rounds > 0u) {
     counts = counts_at(T);
-    if (state.used >= push.min_features) {  // a pose was sought
+    if (state.used >= push.min_features) {  // there is a pose of the rounds
       bool determined = covariance_at(T, state, sigma);
       if (!determined && pose_status <= MAX_ITERATIONS) pose_status = DEGENERATE;
     }
@@ -146,7 +146,7 @@ void main() {
     }
   }
   memoryBarrierBuffer();
-  barrier();  // all have read ICLK's result
+  barrier();  // all invocations have read ICLK's result
   if (lane < 36u) {
     float share = !is_refined ? 0.0 : bent ? turns[index].pose_share[lane] : turns[index].doubt[lane];
     float part = (shared_part[lane] + share) / ((lane / 6u < 3u ? pair.unit : 1.0) * (lane % 6u < 3u ? pair.unit : 1.0));

@@ -1,6 +1,6 @@
 #version 460
-// Which answers are asked for rivals, and what is looked for: of each feature that takes part its own place, how the answer
-// warps it, and its point. Groups: (pairs, 1, 1).
+// Selects the answers for which rivals are searched for, and the features to search for: their places, their warps by the
+// answer, and their points. Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "refine/refine.h"
@@ -30,8 +30,8 @@ void main() {
   Pose T = pose_of(refined[index].pose);
   if (lane == 0u) standing = 0u;
   barrier();
-  // search: so many are looked for, few where the answer explains nearly all; gain: the share that it explains, other than by
-  // standing still; bias: how many are seen elsewhere.
+  // search: the number of features to search for, few if the answer explains nearly all. gain: the share that it explains,
+  // without those that stand still. bias: the number that is seen elsewhere.
   uint still = 0u;
   for (uint i = pair.first_feature + lane; i < pair.first_feature + pair.feature_count; i += ICLK_REFINE_GROUP)
     still += stands_still(aligned[i], features[i], reference, T, is_refined) ? 1u : 0u;

@@ -1,5 +1,5 @@
 #version 460
-// Descriptors of the reference's patches as the target would show them. Groups: (ceil(features / 64), 1, pairs).
+// Descriptors of the reference's patches, warped to the target. Groups: (ceil(features / 64), 1, pairs).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "refine/refine.h"

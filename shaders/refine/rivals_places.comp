@@ -1,6 +1,7 @@
 #version 460
-// Where else the target shows each feature, and whether that is worth a pose: look_elsewhere() of refine/internal/rivals.cpp.
-// Output: correspondences in the layout of search/correspond.comp, the most alike first to a sixty-fourth.
+// Finds other places that look like each feature, and decides whether to compute a pose from them: look_elsewhere() of
+// refine/internal/rivals.cpp.
+// Output: correspondences in the layout of search/correspond.comp, the most similar first, with a resolution of 1/64.
 // Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
@@ -32,7 +33,7 @@ MatchInfo cell_at(int x, int y, uint match) {
   return cells[(pair * uint(cells_x * cells_y) + uint(y * cells_x + x)) * push.features + match];
 }
 
-// The best score of the places next to its own.
+// The best score of the places near its own.
 float score_here(uint match) {
   int from = int(((pair * push.features + match) * ICLK_MATCH_ROLLS + ICLK_MATCH_ROLLS / 2) * ICLK_MATCH_TEXELS);
   vec4 t0 = TEXEL(descriptors0, from), t1 = TEXEL(descriptors0, from + 1), t2 = TEXEL(descriptors0, from + 2),
@@ -51,7 +52,7 @@ float score_here(uint match) {
   return best;
 }
 
-// No better place is next to it, its own aside.
+// Whether no place near it is better, apart from its own.
 bool is_peak(int x, int y, MatchInfo here, vec2 at, uint match) {
   bool peak = true;
   [[dont_unroll]] for (int k = 0; k < 9; ++k) {
@@ -65,7 +66,7 @@ bool is_peak(int x, int y, MatchInfo here, vec2 at, uint match) {
   return peak;
 }
 
-// Writes the places of a feature behind what is sought: (u, v, score, -), a score of 0 where there is none.
+// Writes the places of a feature after its other data: (u, v, score, -); score 0: none.
 void find_places(uint match) {
   uint to = (pair * push.features + match) * ICLK_ELSEWHERE_STRIDE;
   vec4 wanted = sought[to];
@@ -143,7 +144,7 @@ void main() {
     totals[lane] = total;
   }
   barrier();
-  if (lane < BINS) {  // how many come before
+  if (lane < BINS) {  // the number of earlier ones
     uint before = 0u;
     for (uint b = 0u; b < lane; ++b) before += totals[b];
     for (uint i = 0u; i < LANES; ++i) {

@@ -1,5 +1,6 @@
 #version 460
-// A pose that places agree on becomes a rival, and what it explains is left out for the next. Groups: (pairs, 1, 1).
+// A pose on which places agree becomes a rival; the places that it explains are left out for the next one. Groups: (pairs, 1,
+// 1).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "refine/refine.h"
@@ -28,7 +29,7 @@ void main() {
   ReferenceInfo r = references[questions[pair].reference];
   uint header = 2u * pair * (ICLK_ELSEWHERE_PLACES * push.features + 1u), count = uint(correspondences[header].x), kept = 0u;
   float reach = 2.0 * ICLK_MATCH_TOLERANCE * float(push.scale);
-  for (uint first = 0u; first < count; first += ICLK_REFINE_GROUP) {  // in their order, in place
+  for (uint first = 0u; first < count; first += ICLK_REFINE_GROUP) {  // in their order; overwrites the list
     uint from = header + 2u * (min(first + lane, count - 1u) + 1u);
     vec4 point = correspondences[from], pixel = correspondences[from + 1u];
     vec3 X = T.R * point.xyz + r.mean_inverse_depth * T.t;

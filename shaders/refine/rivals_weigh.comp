@@ -1,7 +1,7 @@
 #version 460
-// Answers and their rivals: the pose that dominates all others is the answer, otherwise it is ambiguous; and so it is where it
-// stands still while other features are seen elsewhere. weigh(), prefer_confirmed() and doubt_stillness() of
-// refine/internal/rivals.cpp. Groups: (pairs, 1, 1).
+// Compares answers with their rivals. The pose that dominates all others is the answer; without one the answer is ambiguous. It
+// is also ambiguous if its features stand still while others are seen elsewhere. weigh(), prefer_confirmed() and
+// doubt_stillness() of refine/internal/rivals.cpp. Groups: (pairs, 1, 1).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
@@ -21,7 +21,7 @@ layout(push_constant) uniform Push { RivalPush push; };
 #include "refine/rivals.glsl"
 
 const uint POSES = 1u + ICLK_RIVALS;  // the answer's first
-const uint SUMS = 6u;  // of features that a pose alone explains: 1, u, v, uu, uv, vv in 256ths of the image
+const uint SUMS = 6u;  // of features that only one pose explains: 1, u, v, uu, uv, vv in 256ths of the image
 shared uint counts[2], sums[2u * SUMS];
 shared bool dominates[POSES * POSES], apart[POSES * POSES];
 
@@ -38,12 +38,12 @@ AlignedInfo found_at(uint p, uint i) {
   return rival_aligned[rival(p) * push.max_features + i];
 }
 
-bool is_better(AlignedInfo one, AlignedInfo other) {  // clearly, beyond what noise does
+bool is_better(AlignedInfo one, AlignedInfo other) {  // by more than noise
   return 2.0 * (1.0 - one.correlation) + 0.005 < 1.0 - other.correlation;
 }
 bool is_shown(AlignedInfo found) { return found.status != OUT_OF_IMAGE && found.status != HIDDEN; }
 
-// The number of these features times how far they lie apart: reach() of rivals.cpp, in another unit.
+// The number of these features times their extent: reach() of rivals.cpp, in another unit.
 float support(uint side) {
   float n = float(sums[side * SUMS]);
   if (n < 3.0) return 0.0;
@@ -64,7 +64,7 @@ void count(uint side, vec2 uv) {
   for (uint k = 0u; k < SUMS; ++k) atomicAdd(sums[side * SUMS + k], values[k]);
 }
 
-// What each of two poses alone explains, and whether they differ.
+// The features that only one of two poses explains, and whether the poses differ.
 void compare(uint p, uint q) {
   Pose Tp = pose_at(p), Tq = pose_at(q);
   if (lane < 2u) counts[lane] = 0u;

@@ -1,17 +1,17 @@
-// Symmetric systems of six, by a Cholesky factorisation of the matrix scaled to a unit diagonal. In shared memory, and in loops
-// as they stand: unrolled, or with arrays that are indexed in registers, they take seconds to compile.
+// Symmetric systems of six, by a Cholesky factorisation of the matrix scaled to a unit diagonal. It uses shared memory and
+// loops that are not unrolled: unrolled loops or indexed register arrays take seconds to compile.
 shared float matrix[SUMS];          // upper triangle of the matrix; the rest is the caller's
 shared float factor[36], scales[6];
-shared bool positive;               // whether the matrix is: every pivot of it, scaled, above the least
+shared bool positive;               // whether all scaled pivots of the matrix are above the least
 shared float columns[36];           // column j from 6 j
 
-// What sum() has left in totals[] becomes the matrix. Ends with a barrier.
+// Copies the result of sum() in totals[] to the matrix. Ends with a barrier.
 void keep_totals() {
   if (lane < SUMS) matrix[lane] = totals[lane];
   barrier();
 }
 
-// Of `matrix` with its diagonal times 1 + damping. Ends with a barrier.
+// Factorises `matrix` with its diagonal times 1 + damping. Ends with a barrier.
 void factorise(float damping, float least_pivot) {
   if (lane == 0u) {
     positive = true;

@@ -1,5 +1,5 @@
 #include "finite.glsl"
-// Where a feature's neighbourhood goes: warp_patch() of refine/feature_alignment.h.
+// The affine warp of a feature's patch: warp_patch() of refine/internal/align_feature.h.
 struct PatchWarp {
   vec2 uv1;        // 0 behind the camera
   mat2 A_inverse;  // du0 / du1

@@ -1,5 +1,4 @@
-// Which features take part in a pose, and with what weight.
-// Sets W anew at T.
+// Selects the features of a pose and sets their weights. Sets W at T.
 void whiten(Pose T, float floor, float depth) {
   EACH_FEATURE(i) {
     if (observations[i].used == 0u) continue;
@@ -13,7 +12,7 @@ void whiten(Pose T, float floor, float depth) {
   }
 }
 
-// How many observations take part at T.
+// Returns the number of observations that are used at T.
 float observe(Pose T) {
   float s[SUMS];
   clear(s);

@@ -1,5 +1,5 @@
-// The ray of a pixel behind a lens, as align/lens.cpp has it in double precision. Needs LENS and RenderPush push.
-// radtan and equidistant share the radial polynomial f(r) = r (1 + k0 r^2 + k1 r^4 + k2 r^6 + k3 r^8), of a radius or an angle.
+// The ray of a pixel through a lens; align/lens.cpp has the same in double precision. Needs LENS and RenderPush push. radtan
+// and equidistant share the radial polynomial f(r) = r (1 + k0 r^2 + k1 r^4 + k2 r^6 + k3 r^8), of a radius or an angle.
 const int LENS_RADIAL_ITERATIONS = 10, LENS_ITERATIONS = 5;
 const float LENS_EXACT = 2e-6;  // of focal length 1
 
@@ -13,7 +13,7 @@ float lens_slope(float r) {
   return 1.0 + q * (3.0 * push.lens[4] + q * (5.0 * push.lens[5] + q * (7.0 * push.lens[6] + q * 9.0 * push.lens[7])));
 }
 
-// Its inverse in 0 .. limit, or the nearer end.
+// The inverse of f in 0 .. limit, or the nearer end.
 float lens_inverse(float seen) {
   float low = 0.0, high = push.ray_0[0], r = min(seen, high);
   for (int i = 0; i < LENS_RADIAL_ITERATIONS; ++i) {
@@ -28,7 +28,7 @@ float lens_inverse(float seen) {
   return r;
 }
 
-// Where the ray (x, y, 1) is seen, and how that changes with it, of radtan.
+// The image position of the ray (x, y, 1) for radtan, and its Jacobian.
 vec2 radtan(vec2 xy, out mat2 jacobian) {
   float q = dot(xy, xy), p1 = push.ray_0[1], p2 = push.ray_0[2];
   float scale = 1.0 + q * (push.lens[4] + q * (push.lens[5] + q * push.lens[6]));
@@ -40,7 +40,7 @@ vec2 radtan(vec2 xy, out mat2 jacobian) {
                            p1 * (q + 2.0 * xy.y * xy.y) + 2.0 * p2 * xy.x * xy.y);
 }
 
-// The ray (x, y, 1) that is seen at `distorted`, and how it changes with that. False outside the model's domain.
+// Computes the ray (x, y, 1) at the image position `distorted`, and its Jacobian. Returns false outside the model's domain.
 bool undistort(vec2 distorted, out vec2 xy, out mat2 change) {
   float seen = length(distorted), r = lens_inverse(seen);
   vec2 n = seen > 0.0 ? distorted / seen : vec2(1.0, 0.0);

@@ -1,10 +1,10 @@
 #version 460
-// A view of a terrain: heights and a mosaic -> colour and z-depth. One invocation a pixel.
+// Renders a view of a terrain: colour and z-depth from heights and a mosaic. One invocation per pixel.
 //
 // The ground is the surface of bilinear patches between the points of the height grid. A ray finds its first crossing from
 // above by walking the pyramid of greatest heights and solving a quadratic equation in each patch that it may meet. Colour is
-// the mean of SAMPLES x SAMPLES rays, each a trilinear, anisotropic look into the mosaic; depth is that of the pixel's centre,
-// 0 where the ray meets no ground or ground without a picture.
+// the mean of SAMPLES x SAMPLES rays, each with a trilinear, anisotropic sample of the mosaic. Depth is that of the pixel's
+// centre; 0 if the ray meets no ground or ground without a picture.
 // Groups: (ceil(tile width / 8), ceil(tile height / 8)).
 #extension GL_GOOGLE_include_directive : require
 #include "render/render.h"
@@ -32,7 +32,7 @@ const int STEPS = int(ICLK_RENDER_STEPS / RAYS);
 
 #include "render/lens.glsl"
 
-vec3 ray_u, ray_v;  // how the direction of the last ray changes from a pixel to the next
+vec3 ray_u, ray_v;  // the change of the last ray's direction per pixel
 vec2 slope;         // of the ground where the last ray met it: dh/dx, dh/dy
 
 float height(ivec2 point) {
@@ -41,11 +41,11 @@ float height(ivec2 point) {
   return (h - push.height_high) - push.height_low;
 }
 
-// z-depth at which the ray along `d` first meets the ground; 0: it meets none, or comes out of a hole from below.
+// The z-depth at which the ray along `d` first meets the ground. 0: it meets none, or comes from below through a hole.
 float meet(vec3 d) {
   vec2 fraction = vec2(push.cell_fraction_x, push.cell_fraction_y);
   ivec2 camera = ivec2(push.cell_x, push.cell_y);
-  // Cells of the grid for a step of depth; rows go south.
+  // Cells of the grid per step of depth; rows go south.
   vec2 e = vec2(d.x * levels.cells_per_metre_x, -d.y * levels.cells_per_metre_y);
   bvec2 forward = greaterThanEqual(e, vec2(0.0));
   vec2 inverse = vec2(abs(e.x) < 1e-20 ? FAR : 1.0 / e.x, abs(e.y) < 1e-20 ? FAR : 1.0 / e.y);
@@ -75,7 +75,7 @@ float meet(vec3 d) {
     float next = max(min(border.x, border.y), t);
     if (min(t * d.z, next * d.z) <= greatest) {
       if (level > 0) {
-        // Down to where this square's ground can begin.
+        // Advances to where the ground of this square can begin.
         if (t * d.z > greatest) t = clamp(greatest / d.z, t, next);
         --level;
         vec2 middle = vec2(((2 * cell + 1) << level) - camera) - fraction;
@@ -90,7 +90,7 @@ float meet(vec3 d) {
       float f2 = -g.z * e.x * e.y;
       // The ray's height above ground is f0 + f1 s + f2 s^2, s = depth - t.
       float least = -2e-5 * t * (abs(d.x) + abs(d.y) + abs(d.z));
-      if (f0 < least) return 0.0;  // below ground: it came through a hole, or through the map's edge
+      if (f0 < least) return 0.0;  // below ground: the ray came through a hole or the edge of the map
       float root = f1 * f1 - 4.0 * f2 * f0;
       float divisor = -f1 + sqrt(max(root, 0.0));
       float s = f0 <= 0.0 ? 0.0 : root >= 0.0 && divisor > 0.0 ? 2.0 * f0 / divisor : FAR;
@@ -115,7 +115,7 @@ float meet(vec3 d) {
   return 0.0;
 }
 
-// Colour times coverage, and coverage, at texel coordinates x of level 0 (relative to push.texel), bilinear in a level.
+// Colour times coverage, and coverage, at texel coordinates x of level 0 (relative to push.texel); bilinear in a level.
 vec4 look(vec2 x, int level) {
   RenderWindow w = levels.mosaic[level];
   float size = float(1 << level);
@@ -130,7 +130,7 @@ vec4 look(vec2 x, int level) {
               weight.x + weight.y + weight.z + weight.w);
 }
 
-// The mean over a pixel's footprint, whose sides are du and dv (texels): taps along the long axis, each as wide as the short.
+// The mean over a pixel's footprint with sides du and dv (texels): taps along the long axis, each as wide as the short axis.
 vec4 filtered(vec2 x, vec2 du, vec2 dv) {
   float xx = du.x * du.x + dv.x * dv.x, xy = du.x * du.y + dv.x * dv.y, yy = du.y * du.y + dv.y * dv.y;
   float mean = 0.5 * (xx + yy), radius = length(vec2(0.5 * (xx - yy), xy));
@@ -153,7 +153,7 @@ vec4 filtered(vec2 x, vec2 du, vec2 dv) {
   return sum / float(taps);
 }
 
-// Colour times coverage, and coverage, where a ray has met the ground at depth t; 0 beyond the mosaic.
+// Colour times coverage, and coverage, where a ray meets the ground at depth t; 0 outside the mosaic.
 vec4 shade(vec3 d, float t) {
   vec2 scale = vec2(levels.texels_per_metre_x, -levels.texels_per_metre_y);
   vec2 x = vec2(push.texel_fraction_x, push.texel_fraction_y) + t * d.xy * scale;
@@ -162,7 +162,7 @@ vec4 shade(vec3 d, float t) {
   vec2 level_x = (x + 0.5) / float(1 << finest) + vec2(ivec2(push.texel_x, push.texel_y) >> finest) - vec2(w.x, w.y);
   if (any(lessThan(level_x, vec2(0.0))) || any(greaterThan(level_x, vec2(w.width, w.height)))) return vec4(0.0);
 
-  // How the place on the tangent plane of the ground changes from this ray to the next, in u and in v.
+  // The motion on the tangent plane of the ground from this ray to the next, in u and in v.
   vec3 n = vec3(-slope, 1.0);
   float against = min(dot(n, d), -1e-3 * length(n) * length(d));
   vec3 to_u = ray_u / float(SAMPLES), to_v = ray_v / float(SAMPLES);
@@ -171,7 +171,7 @@ vec4 shade(vec3 d, float t) {
   return filtered(x, du, dv);
 }
 
-// The direction in which pixel uv looks. False where the lens shows nothing.
+// Computes the ray of pixel uv. Returns false outside the lens's domain.
 bool ray(vec2 uv, out vec3 d) {
   vec3 axis_u = vec3(push.ray_u[0], push.ray_u[1], push.ray_u[2]), axis_v = vec3(push.ray_v[0], push.ray_v[1], push.ray_v[2]);
   if (LENS == ICLK_LENS_NONE) {

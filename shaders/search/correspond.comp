@@ -29,7 +29,7 @@ float score_at(int u, int v) {
          dot(TEXEL(descriptors1, texel + 2), t2) + dot(TEXEL(descriptors1, texel + 3), t3);
 }
 
-// Where the parabola through three neighbours has its maximum.
+// The position of the maximum of the parabola through three neighbours.
 float peak(float before, float here, float after) {
   float bend = before - 2.0 * here + after;
   return bend < 0.0 ? clamp(0.5 * (before - after) / bend, -0.5, 0.5) : 0.0;
@@ -54,7 +54,7 @@ void main() {
       tile = score > best ? k : tile;
       best = max(best, score);
     }
-    // Neighbouring tiles hold the slope of the same peak.
+    // Neighbouring tiles may contain the slope of the same peak.
     for (uint k = 0u; k < tiles; ++k) {
       ivec2 apart = abs(ivec2(k % tiles_x, k / tiles_x) - ivec2(tile % tiles_x, tile / tiles_x));
       float score = matches[of_pair + k * push.features + match].score;

@@ -1,6 +1,6 @@
 #version 460
-// Descriptors of a reference's features, each with every roll: 8x8 values about the feature, in the grid of an image that is
-// rolled by so much. Groups: (ceil(features rolls / local size), 1, references).
+// Descriptors of a reference's features for every roll: 8x8 values around the feature, in the grid of the rolled image. Groups:
+// (ceil(features rolls / local size), 1, references).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
 #include "texels.glsl"

@@ -1,6 +1,7 @@
 #version 460
-// A pose from three correspondences each, and what it costs against all of them. Every other hypothesis draws from the most
-// distinct quarter. Draws depend on the number of the hypothesis alone, so that a pair has the same start in every batch.
+// Hypotheses: poses from three correspondences each, and their costs over all correspondences. Every other hypothesis draws
+// from the most distinct quarter. Draws depend only on the number of the hypothesis, so that a pair has the same start in every
+// batch.
 // Groups: (hypotheses / local size, 1, pairs).
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require

@@ -1,7 +1,7 @@
 #version 460
-// Every feature against every place of the target: the best place of each tile, or of each cell of it. An invocation is all
-// rolls of a feature, or as many features that are not rolled: their descriptors stay in registers, and all invocations read
-// the same place at a time.
+// Matches every feature with every place of the target, and finds the best place of each tile, or of each cell of it. An
+// invocation processes all rolls of a feature, or as many upright features. Their descriptors stay in registers, and all
+// invocations read the same place at a time.
 // Groups: (ceil(invocations / local size), tiles, pairs).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"
@@ -9,7 +9,7 @@
 layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const bool upright = false;
 layout(constant_id = 2) const int cell = ICLK_MATCH_TILE;  // places; divides a tile
-layout(constant_id = 3) const bool warped = false;         // descriptors are of pairs, not of references
+layout(constant_id = 3) const bool warped = false;         // descriptors of pairs, not of references
 layout(set = 0, binding = 0, std430) readonly buffer References { ReferenceInfo references[]; };
 layout(set = 0, binding = 1, std430) readonly buffer Pairs { PairInfo pairs[]; };
 TEXELS(2, vec4, descriptors0)

@@ -1,4 +1,4 @@
-// How well a pose agrees with a pair's correspondences (correspond.comp). Needs shared.h, se3.glsl and `correspondences`.
+// The cost of a pose for a pair's correspondences (correspond.comp). Needs shared.h, se3.glsl and `correspondences`.
 struct MatchView {
   int header, count;
   float repeats;  // share of the features that look the same elsewhere
@@ -16,7 +16,7 @@ MatchView match_view(uint pair, ReferenceInfo r) {
 vec4 point_of(MatchView view, int k) { return TEXEL(correspondences, view.header + 2 * (k + 1)); }
 vec2 pixel_of(MatchView view, int k) { return TEXEL(correspondences, view.header + 2 * (k + 1) + 1).xy; }
 
-// Pixel minus projection; a point behind the camera is far off.
+// Pixel minus projection; very large for points behind the camera.
 vec2 match_residual(MatchView view, Pose T, int k, out vec3 seen) {
   seen = T.R * point_of(view, k).xyz + T.t;
   bool ahead = seen.z > ICLK_LEAST_DEPTH;
@@ -24,7 +24,7 @@ vec2 match_residual(MatchView view, Pose T, int k, out vec3 seen) {
   return ahead ? pixel_of(view, k) - at : vec2(1e9);
 }
 
-// Squared residuals, each cut off at the tolerance; in tolerances. Never more than count.
+// The sum of squared residuals in units of the tolerance, each at most 1.
 float match_cost(MatchView view, Pose T, out int inliers) {
   float cost = 0.0, scale = 1.0 / (view.tolerance * view.tolerance);
   inliers = 0;

@@ -1,15 +1,15 @@
-// Descriptor of 8x8 grey values: 16 coefficients of their cosine transform, of the lowest frequencies but none, each times the
-// fourth root of its squared frequency, normalised. Brightness and contrast leave it alone; the cosine of two of them tells
-// places apart as well as the correlation of all 64 values does (docs/explain/start-search.md). Rows are added from above.
-// Texel n: horizontal frequencies of vertical frequency n, 1 to 4 of 0 and 0 to 3 of 1 and 2; of 3: 0 to 2, then
-// frequency 0 of 4.
+// The descriptor of 8x8 grey values: 16 coefficients of their cosine transform, of the lowest frequencies above 0. Each is
+// multiplied by the fourth root of its squared frequency; then they are normalised. Brightness and contrast do not change it.
+// The cosine of two descriptors is as distinctive as the correlation of all 64 values (docs/explain/start-search.md). Rows are
+// added from above. Texel n: horizontal frequencies of vertical frequency n, 1 to 4 of 0 and 0 to 3 of 1 and 2; of 3: 0 to 2,
+// then frequency 0 of 4.
 #include "finite.glsl"
 
 struct Descriptor {
   vec4 t0, t1, t2, t3;
 };
 
-// Of a row of eight values, a b: frequencies 1 to 4 in `high`, 0 is returned.
+// The transform of a row of eight values, a and b: frequencies 1 to 4 in `high`; frequency 0 is returned.
 float row_transform(vec4 a, vec4 b, out vec4 high) {
   vec4 s = a + b.wzyx, d = a - b.wzyx;
   high.x = 0.5 * (0.98078528 * d.x + 0.83146961 * d.y + 0.55557023 * d.z + 0.19509032 * d.w);
@@ -19,7 +19,7 @@ float row_transform(vec4 a, vec4 b, out vec4 high) {
   return 0.35355339 * (s.x + s.y + s.z + s.w);
 }
 
-// `c`: what vertical frequencies 1 to 4 weigh in this row.
+// `c`: the weights of vertical frequencies 1 to 4 in this row.
 void add_row(inout Descriptor d, vec4 a, vec4 b, vec4 c) {
   vec4 high;
   float mean = row_transform(a, b, high);

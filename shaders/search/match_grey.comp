@@ -1,7 +1,6 @@
 #version 460
-// The grey map on which starts are matched: raw pixels -> means of squares of `scale` pixels. Of a learned model too: the mean
-// over the channels of an encoder tells places apart worse than grey values do, under hard light as well
-// (docs/explain/start-search.md).
+// The grey map for matching: means of `scale` x `scale` raw pixels. It is used with learned models too, because the mean over
+// an encoder's channels is less distinctive than grey values, even under hard light (docs/explain/start-search.md).
 // Groups: (ceil(width height / local size), 1, images).
 #extension GL_GOOGLE_include_directive : require
 #include "shared.h"

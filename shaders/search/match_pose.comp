@@ -1,8 +1,8 @@
 #version 460
-// The start of a pair by matching: the best hypothesis of each of ICLK_MATCH_GROUP shares is refined on all correspondences
-// with Tukey's weights, and the best of these stands if enough of them agree with it. Then the pair begins there, at a fine
-// level: what coarse levels see of a motion with parallax leads away from a good start (docs/explain/start-search.md).
-// Otherwise the pair is as the host gave it.
+// The start of a pair by matching. The best hypothesis of each of ICLK_MATCH_GROUP shares is refined on all correspondences
+// with Tukey's weights. The best of these is the start if enough correspondences agree with it. The pair then begins there, at
+// a fine level, because with parallax coarse levels lead away from a good start (docs/explain/start-search.md). Otherwise the
+// pair does not change.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_control_flow_attributes : require
 #include "shared.h"
@@ -45,7 +45,7 @@ Pose refined(MatchView view, Pose T) {
     }
   }
   bool ok = true;
-  [[unroll]] for (int i = 0; i < 6; ++i)  // Cholesky; the diagonal keeps its inverse
+  [[unroll]] for (int i = 0; i < 6; ++i)  // Cholesky; the diagonal has the inverses
     [[unroll]] for (int j = 0; j < 6; ++j) {
       if (j > i) continue;
       float s = H[6 * i + j] * (i == j ? 1.0 + 1e-5 : 1.0);

@@ -1,7 +1,7 @@
-// Descriptors of patches that lie askew in the grey map of a reference. Needs match_descriptor.glsl and TEXELS `grey`.
+// Descriptors of rotated or warped patches in the grey map of a reference. Needs match_descriptor.glsl and TEXELS `grey`.
 int base, width, height;  // of the map
 
-// Bilinear, the border repeated.
+// The bilinear value; the border is repeated.
 float sampled(vec2 at) {
   at = clamp(at, vec2(0.0), vec2(width - 1, height - 1));
   vec2 first = min(floor(at), vec2(width - 2, height - 2)), f = at - first;
@@ -12,7 +12,7 @@ float sampled(vec2 at) {
   return mix(column.x, column.y, f.x);
 }
 
-// `along`, `down`: from a pixel of the patch to the next.
+// `along`, `down`: the steps from one pixel of the patch to the next.
 Descriptor describe_at(vec2 centre, vec2 along, vec2 down) {
   vec2 corner = centre - 3.5 * (along + down);
   Descriptor d;
