@@ -318,7 +318,7 @@ struct TerrainRenderer::Impl {
     frame = std::make_unique<Frame>(context, pixels);
   }
 
-  /// Submits what was recorded, and waits.
+  /// Submits the recorded commands, and waits.
   View read(engine::Recorder& recorder, const Camera& camera) {
     const auto pixels = static_cast<uint64_t>(camera.width) * static_cast<uint64_t>(camera.height);
     const engine::Workspace& m = frame->memory;

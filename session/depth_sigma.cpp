@@ -8,9 +8,9 @@
 namespace iclk {
 namespace {
 
-constexpr double kExact = 1e-6;  // single precision of a z-buffer
+constexpr double kExact = 1e-6;  // the single precision of a z-buffer
 
-/// 0 for anything else.
+/// Parses a positive, finite number; 0 for all other words.
 double positive_number(std::string_view text) {
   const double x = to_number(text).value_or(0);
   return std::isfinite(x) && x > 0 ? x : 0;

@@ -8,9 +8,9 @@ namespace {
 
 constexpr float kHalfLargest = 65504, kBeyondAll = 1e9f;
 constexpr double kShare = 0.02;
-constexpr size_t kPeak = 4;  // times the next value's pixels
+constexpr size_t kPeak = 4;  // times the number of pixels of the next value
 
-/// The largest two values and how many have them.
+/// The two largest values and their numbers of pixels.
 struct Largest {
   float first = 0, second = 0;
   size_t of_first = 0, of_second = 0;

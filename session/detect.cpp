@@ -40,8 +40,8 @@ struct Grid {
   const T* row(int v) const { return data.data() + static_cast<size_t>(v) * static_cast<size_t>(width); }
 };
 
-/// The least or greatest value of the patch around each pixel, as far as it lies in the image. It works row by row, so that the
-/// rows stay in the cache. `load(v, to)` loads row v.
+/// The least or greatest value in the part of each pixel's patch that lies in the image. It works row by row, so that the rows
+/// stay in the cache. `load(v, to)` loads row v.
 template <class T, class Of, class Load>
 class PatchRows {
  public:
@@ -166,7 +166,7 @@ struct Corner {
   Pixel at;
 };
 
-/// The strongest pixel of a box, the first of several; strength 0 where none is positive.
+/// The strongest pixel of a box, the first of equal ones; strength 0 if none is positive.
 Corner strongest(const Grid<float>& strength, const Box& box) {
   constexpr int kLanes = 8;  // compared at a time
   Corner best{0, {}};
@@ -184,11 +184,11 @@ Corner strongest(const Grid<float>& strength, const Box& box) {
   return best;
 }
 
-/// No two closer than a few pixels: places about one that is taken have no strength.
+/// Chooses corners that are at least a few pixels apart: pixels near a chosen one have no strength.
 std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Place>& places, const DetectorOptions& options) {
   const int w = places.width, h = places.height;
   Grid<float> strength(w, h, corner_response(grey, w, h));
-  for (size_t i = 0; i < strength.data.size(); ++i) {  // of depth edges negative, until their turn comes
+  for (size_t i = 0; i < strength.data.size(); ++i) {  // negative at depth edges until their round
     const float r = strength.data[i] > 0 ? strength.data[i] : 0;
     strength.data[i] = places.data[i] == smooth ? r : places.data[i] == edge ? -r : 0;
   }
@@ -202,8 +202,8 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
   };
   const std::vector<Box> buckets = cells(w, h, options.count, options.border);
   std::vector<Pixel> taken;
-  // One a bucket and round, so that no part of the view has more than its share; depth edges come last.
-  // Before them come corners with too little texture for feature alignment.
+  // One per bucket and round, so that all parts of the view have equal shares; depth edges come last. Before depth edges come
+  // corners with too little texture for feature alignment.
   const struct {
     float threshold;
     bool edges;
@@ -215,7 +215,7 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
     std::vector<Box> live = buckets;
     for (bool found = true; found && std::ssize(taken) < options.count;) {
       std::vector<Corner> round;
-      std::vector<Box> still;  // a bucket without a corner gets none any more
+      std::vector<Box> still;  // buckets that still have corners
       for (const Box& bucket : live) {
         const Corner corner = strongest(strength, bucket);
         if (!(corner.strength > threshold)) continue;
@@ -227,7 +227,7 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
       found = false;
       for (const Corner& corner : round) {
         if (std::ssize(taken) == options.count) break;
-        if (strength.row(corner.at.v)[corner.at.u] == 0) continue;  // too near to a stronger one of this round
+        if (strength.row(corner.at.v)[corner.at.u] == 0) continue;  // too close to a stronger one of this round
         taken.push_back(corner.at);
         clear(corner.at);
         found = true;
@@ -237,7 +237,7 @@ std::vector<Pixel> pick_corners(const std::vector<uint8_t>& grey, const Grid<Pla
   return taken;
 }
 
-/// The place nearest to each cell's centre, within the cell.
+/// Chooses the usable pixel nearest to the centre of each cell.
 std::vector<Pixel> pick_grid(const Grid<Place>& places, const DetectorOptions& options) {
   std::vector<Pixel> taken;
   for (const Box& cell : cells(places.width, places.height, options.count, options.border)) {
@@ -265,7 +265,7 @@ std::vector<Pixel> pick_random(const Grid<Place>& places, const DetectorOptions&
     for (int v = 0; v < places.height; ++v)
       for (int u = 0; u < places.width; ++u)
         if (places.row(v)[u] == kind) all.push_back({u, v});
-    // Partial Fisher-Yates. The standard distributions differ between libraries; a remainder does not.
+    // A partial Fisher-Yates shuffle. It uses remainders, because standard distributions differ between libraries.
     for (size_t i = 0; i < all.size() && std::ssize(taken) < options.count; ++i) {
       std::swap(all[i], all[i + random() % (all.size() - i)]);
       taken.push_back(all[i]);

@@ -10,10 +10,10 @@
 namespace iclk {
 namespace {
 
-// Drivers that keep no pipelines give a header alone.
+// Drivers that cache no pipelines return only a header.
 constexpr size_t kHeaderBytes = 32;
 
-/// Whoever lets go of the context last keeps the pipelines that it has compiled, if they are more than `known` bytes.
+/// Returns a pointer whose last owner saves the compiled pipelines of the context, if they are more than `known` bytes.
 std::shared_ptr<engine::Context> keeping_pipelines(std::shared_ptr<engine::Context> context, const std::string& file,
                                                    size_t known) {
   engine::Context* const given = context.get();

@@ -26,7 +26,7 @@ ModelStage make_stage(const SessionOptions& options, const std::string& name) {
   if (name != "classical") made.model = std::make_shared<Model>(load_model(find_model(name, options.model_folders)));
   AlignerOptions& aligner = made.aligner;
   if (made.model) aligner = made.model->options();
-  const bool one_of_several = options.model == "auto" && made.model;  // options that it cannot take are the classical mode's
+  const bool one_of_several = options.model == "auto" && made.model;  // options unsuitable for it set the classical mode only
   aligner.levels = options.levels.value_or(aligner.levels);
   if (one_of_several) aligner.levels = std::min(aligner.levels, made.model->levels());
   aligner.iterations = options.iterations.value_or(aligner.iterations);

@@ -1,6 +1,6 @@
-// Arrays that are only read, in two builds of one shader (ShaderCode). Of texel buffers, which lavapipe reads
-// in a third of the time, TEXEL(name, i) is a vec4; of storage buffers (ICLK_STORAGE_READS), for devices whose texel buffers
-// are too small, it is what the array holds, so that only its own components may be asked for: .x of a float.
+// Constant arrays, in two builds of one shader (ShaderCode). With texel buffers, which lavapipe reads in a third of the time,
+// TEXEL(name, i) is a vec4. With storage buffers (ICLK_STORAGE_READS), for devices with small texel buffers, it has the type of
+// the array. Use only the components of that type: .x of a float.
 #ifndef ICLK_TEXELS_GLSL
 #define ICLK_TEXELS_GLSL
 #ifdef ICLK_STORAGE_READS

@@ -218,7 +218,7 @@ const Json* Json::find(std::string_view key) const {
 }
 
 size_t Json::integer(const std::string& what, size_t most) const {
-  // Doubles hold every integer up to 2^53.
+  // Doubles represent every integer up to 2^53.
   const double limit = std::min(static_cast<double>(most), 9007199254740992.0);
   if (kind != Kind::number || !(number >= 0 && number <= limit) || number != std::floor(number))
     throw Error(ErrorCode::invalid_argument, what + (kind == Kind::number ? " is " + text_of(number) + ", it" : "") +

@@ -178,7 +178,7 @@ void ConvKernels::record_tiles(engine::Recorder& recorder, const ConvStep& step,
   push.item_blocks = item_blocks(step, groups);
   push.counter = step.counter;
   const uint32_t blocks = engine::groups_for(step.out.channels, kBlock);
-  // Twice as many workgroups as items, so that even on two threads one does everything if the other is held up.
+  // Twice as many workgroups as items, so that one of two threads can do all items if the other is delayed.
   recorder.dispatch(tiles_[step.reduced], {&scratch, &weights, &out, &scratch, &in}, push,
                     spread(1, 2 * groups * engine::groups_for(blocks, push.item_blocks), 1));
 }

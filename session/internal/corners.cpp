@@ -8,23 +8,23 @@
 namespace iclk {
 namespace {
 
-constexpr int kReach = 3, kRing = 8;  // of a box; rows that are kept, a power of two above 2 kReach
+constexpr int kReach = 3, kRing = 8;  // half width of a box; number of kept rows, a power of two above 2 kReach
 constexpr auto kWeight = static_cast<float>(1.0 / (4 * 7 * 255));
 
-/// Mirrored at the border, which is not repeated.
+/// Mirrors an index at the border, which is not repeated.
 int mirrored(int i, int n) {
   if (n == 1) return 0;
   while (i < 0 || i >= n) i = i < 0 ? -i : 2 * (n - 1) - i;
   return i;
 }
 
-/// a * b + c, rounded once, as an instruction does it that not every processor has: whole numbers below 2^12 times a float are
-/// exact in double precision, and so is the sum with what is of their size.
+/// a * b + c, rounded once like an FMA instruction, which not every processor has. In double precision, integers below 2^12
+/// times a float are exact, and so is the sum with a value of similar size.
 float fused(int a, float b, float c) { return static_cast<float>(static_cast<double>(a) * b + c); }
 
 using Sums = std::array<std::vector<double>, 3>;  // of a row: of gu gu, gu gv and gv gv
 
-/// Gradients of one row after the other, and their products' sums over 2 kReach + 1 columns.
+/// Computes the gradients of successive rows, and the sums of their products over 2 kReach + 1 columns.
 class Rows {
  public:
   Rows(const std::vector<uint8_t>& grey, int width, int height)
@@ -34,7 +34,7 @@ class Rows {
     for (int v = -1; v < 1; ++v) prepare(v);
   }
 
-  /// Of row v; rows follow each other from 0.
+  /// The sums of row v. Precondition: called for rows 0, 1, 2, ... in order.
   void sums(int v, Sums& out) {
     prepare(v + 1);
     multiply(v);
@@ -56,7 +56,7 @@ class Rows {
   size_t size() const { return static_cast<size_t>(width_); }
   static size_t slot(int v) { return static_cast<size_t>(v + 3) % 3; }
 
-  /// Steps along a row of pixels, and their weighted means.
+  /// Computes the differences along a row of pixels, and their weighted means.
   void prepare(int v) {
     const uint8_t* row = grey_.data() + size() * static_cast<size_t>(mirrored(v, height_));
     for (size_t i = 0; i < size(); ++i) pixels_[i + 1] = row[i];

@@ -6,7 +6,7 @@
 namespace iclk {
 namespace {
 
-/// Where a pixel has its red, green and blue.
+/// The positions of red, green and blue in a pixel.
 struct Order {
   int red, green, blue;
 };
@@ -23,10 +23,10 @@ Order order_of(PixelFormat format) {
   }
 }
 
-/// Rounded alike on all machines, whether they have an instruction for it or not.
+/// Rounded equally on all machines, with or without FMA instructions.
 float luma(const float* p, Order at) { return std::fma(0.114f, p[at.blue], std::fma(0.587f, p[at.green], 0.299f * p[at.red])); }
 
-/// Whole numbers in units of 2^-15.
+/// Luma in integers, in units of 2^-15.
 template <class T>
 T luma(const T* p, Order at) {
   return static_cast<T>((9798u * p[at.red] + 19235u * p[at.green] + 3735u * p[at.blue] + (1u << 14)) >> 15);

@@ -26,7 +26,7 @@ std::string cache_folder() {
   return {};
 }
 
-/// A line before the data. A driver may crash on data that are not what it gave.
+/// The line before the data, to detect damage: a driver may crash on damaged data.
 std::string head_of(std::string_view data) {
   std::ostringstream out;
   out << "iclk pipelines " << std::hex << data.size() << " " << fnv1a(data) << "\n";
@@ -53,7 +53,7 @@ std::vector<uint8_t> read_pipelines(const std::string& file) {
     if (!bytes.starts_with(head_of(data))) return {};
     return {data.begin(), data.end()};
   } catch (const Error&) {
-    return {};  // compiled anew
+    return {};  // pipelines are compiled again
   }
 }
 

@@ -15,7 +15,7 @@ namespace {
   throw Error(ErrorCode::invalid_argument, source + ": " + why);
 }
 
-/// Image sides as a file states them; a camera for 1e9 pixels a side is a typing error or an attack.
+/// Checks the side of an image. 1e9 pixels per side are a typing error or an attack.
 int side(double value, const std::string& source) {
   if (!(value >= 1 && value <= 65536) || value != std::floor(value)) {
     fail(source, "image size " + std::to_string(value) + " is not a whole number from 1 to 65536");
@@ -28,7 +28,7 @@ void set_intrinsics(CameraFile& file, const std::vector<double>& k) {
   if (k.size() >= 6) file.camera.width = side(k[4], file.source), file.camera.height = side(k[5], file.source);
 }
 
-/// Keys of one YAML file, with messages that name file and key.
+/// The keys of a YAML file; messages name file and key.
 struct Keys {
   const Yaml& yaml;
   const std::string& source;
@@ -50,7 +50,7 @@ struct Keys {
     const auto* words = yaml.find(key);
     return words == nullptr || words->empty() ? "" : words->front();
   }
-  /// The first of several spellings that the file has; the first of all if it has none.
+  /// The first spelling that the file has, or the first one if it has none.
   std::string spelling(std::initializer_list<const char*> keys) const {
     for (const char* key : keys)
       if (yaml.find(key) != nullptr) return key;
@@ -84,8 +84,8 @@ std::vector<double> matrix_intrinsics(const std::vector<double>& m, const std::s
   return {m[0], m[4], m[2], m[5]};
 }
 
-/// A lens that OpenCV or ROS wrote. Without a name, five coefficients and more are cv::calibrateCamera()'s; four may be
-/// cv::fisheye's as well.
+/// A lens from OpenCV or ROS. Without a name, five or more coefficients are those of cv::calibrateCamera(); four may also be
+/// those of cv::fisheye.
 Distortion opencv_lens(const Keys& keys, const std::vector<double>& k) {
   const bool none = std::all_of(k.begin(), k.end(), [](double x) { return x == 0; });
   std::string model = keys.text("distortion_model");
@@ -100,7 +100,7 @@ Distortion opencv_lens(const Keys& keys, const std::vector<double>& k) {
   return make_distortion(model.empty() ? "radtan" : model, k, keys.source);
 }
 
-/// Whole sensor, region of interest and binning, as a ROS camera_info states them; other files have the size alone.
+/// Whole sensor, region of interest and binning of a ROS camera_info; other files have only the size.
 void read_extent(const Keys& keys, CameraFile& file) {
   const std::string width = keys.spelling({"image_width", "image_Width", "width"}),
                     height = keys.spelling({"image_height", "image_Height", "height"}),
@@ -205,7 +205,7 @@ CameraFile load_file(const std::string& path, const FileReader& read) {
 }  // namespace
 
 CameraFile load_camera(const std::string& text_or_path, const FileReader& read) {
-  // A list of numbers is never looked up as a file, so that a typing error in it is reported as one.
+  // A list of numbers is never treated as a path, so that typing errors in it are reported as such.
   const std::string text(trim(text_or_path));
   CameraFile file;
   if (text.empty()) fail("--camera", "fx,fy,cx,cy[,width,height] or a camera file is needed");
@@ -259,7 +259,7 @@ Camera fit_camera(const CameraFile& file, int width, int height) {
       fail(file.source, "the region of interest has " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +
                             " pixels, the image " + std::to_string(width) + "x" + std::to_string(height) +
                             "; give the camera_info of this image, or fx,fy,cx,cy");
-    // A resized image's sides are rounded, each by up to a pixel.
+    // The sides of a resized image are rounded by up to a pixel.
     const double scale = static_cast<double>(width) / camera.width;
     if (std::abs(camera.height * scale - height) > 1 + scale)
       fail(file.source, "the intrinsics belong to " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +

@@ -18,9 +18,9 @@ struct CameraFile {
 };
 
 /// Loads a camera from a text "fx,fy,cx,cy[,width,height]" or from a file. The file may be a camera.txt with a line "fx fy cx
-/// cy width height [depth_scale]", a Kalibr camchain (its first camera) or an EuRoC sensor.yaml. It may also be an OpenCV or
-/// ROS camera YAML (ROS 1 and 2, with region of interest and binning), or a COLMAP cameras.txt with one camera. Throws
-/// Error(io) for an unreadable file, else Error(invalid_argument) that names file and key.
+/// cy width height [depth_scale]". It may be a Kalibr camchain (its first camera), an EuRoC sensor.yaml, or a COLMAP
+/// cameras.txt with one camera. It may also be an OpenCV or ROS camera YAML (ROS 1 and 2, with region of interest and binning).
+/// Throws Error(io) for an unreadable file, else Error(invalid_argument) that names file and key.
 CameraFile load_camera(const std::string& text_or_path, const FileReader& read = read_file);
 
 class Yaml;

@@ -56,7 +56,7 @@ Features parse_features(std::string_view text, const std::string& name) {
     };
     features.uv.emplace_back(number_at(columns.u), number_at(columns.v));
     const double given = number_at(columns.depth >= 0 ? columns.depth : columns.inverse_depth);
-    // An infinite depth is an honest "far away": inverse depth 0, rejected as no_depth.
+    // An infinite depth means "far away": inverse depth 0, rejected as no_depth.
     const double q = columns.depth >= 0 ? (given == 0 ? 0.0 : 1 / given) : given;
     features.inverse_depth.push_back(q);
     if (columns.sigma >= 0) {

@@ -19,7 +19,7 @@ constexpr ColmapModel kColmapModels[] = {
     {"RADIAL", 1, 2, "radtan"},       {"OPENCV", 2, 4, "radtan"}, {"OPENCV_FISHEYE", 2, 4, "equidistant"},
     {"FULL_OPENCV", 2, 8, "radtan"},
 };
-constexpr double kColmapCentre = 0.5;  // of the first pixel, whose centre is 0 here
+constexpr double kColmapCentre = 0.5;  // COLMAP's coordinate of the first pixel centre, which is 0 in iclk
 
 /// `words`: CAMERA_ID MODEL WIDTH HEIGHT PARAMS...
 void read_colmap_line(const std::vector<std::string>& words, CameraFile& file) {

@@ -23,7 +23,7 @@ void make_output_folder(const std::string& folder) {
 }
 
 void write_file(const std::string& path, std::string_view bytes) {
-  // Without a name until it is whole, where the file system can: one that is killed leaves nothing behind.
+  // If the file system supports it, the file has no name until it is complete, so that a killed process leaves nothing behind.
   const std::string folder = std::filesystem::path(path).parent_path().string(),
                     temporary = path + ".part" + std::to_string(std::random_device()());
   int file = ::open(folder.empty() ? "." : folder.c_str(), O_TMPFILE | O_WRONLY | O_CLOEXEC, 0644);
@@ -38,7 +38,7 @@ void write_file(const std::string& path, std::string_view bytes) {
     else if (n < 0 && errno != EINTR)
       error = errno;
   }
-  // A disk may report that it is full only here.
+  // A disk may report only here that it is full.
   if (error == 0 && ::fsync(file) != 0) error = errno;
   if (error == 0 && !named) {
     const std::string unnamed = "/proc/self/fd/" + std::to_string(file);

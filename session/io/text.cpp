@@ -20,7 +20,7 @@ constexpr int kPipePatience = 5000;  // ms without data
   throw Error(ErrorCode::io, "cannot read " + path + ": " + why);
 }
 
-/// A pipe is read as a file is (`<(zcat k.gz)`), but one that nobody writes to must not hold the program for ever.
+/// Pipes are read like files (`<(zcat k.gz)`), but a pipe without a writer must not block the program forever.
 bool has_data(int file) {
   pollfd wait = {file, POLLIN, 0};
   int ready = 0;

@@ -16,7 +16,7 @@ std::string unquoted(std::string_view word) {
   return std::string(word);
 }
 
-/// Where the value ends: a '#' opens a comment at the line's start or after a blank.
+/// Removes a comment: a '#' at the start of the line or after a blank begins one.
 std::string_view without_yaml_comment(std::string_view line) {
   for (size_t i = 0; i < line.size(); ++i)
     if (line[i] == '#' && (i == 0 || line[i - 1] == ' ' || line[i - 1] == '\t')) return line.substr(0, i);

@@ -1,7 +1,8 @@
 #version 460
-// Chooses features of a reference whose depth the application has rendered: in each cell the pixel with the most texture (the
-// smaller eigenvalue of the gradients' matrix over 3x3 pixels), first where its patch has one depth, then at depth edges. Every
-// second pixel is tested. A cell without depth or texture gets a feature with inverse depth 0, which is unused.
+// Chooses features of a reference whose depth the application has rendered: in each cell the pixel with the most texture.
+// Texture is the smaller eigenvalue of the gradients' matrix over 3x3 pixels. Pixels whose patch has one depth come first, then
+// those at depth edges. Every second pixel is tested. A cell without depth or texture gets a feature with inverse depth 0,
+// which is unused.
 // Groups: (columns, rows, 1); the invocations of a group share the pixels of its cell.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_samplerless_texture_functions : require

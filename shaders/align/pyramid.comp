@@ -1,5 +1,6 @@
 #version 460
-// Grey pyramid, levels 0 to 3 in one pass: pixels -> maps. An invocation makes an 8x8 block of level 0 and what lies above it.
+// Grey pyramid, levels 0 to 3 in one pass. An invocation makes an 8x8 block of level 0 and the blocks of the coarser levels
+// above it.
 // Inputs: raw pixels, rows padded to whole blocks. Outputs: one map per level (align/pyramid.h: grey_pyramid), also for level 0
 // unless kernels read the pixels. Padding is undefined.
 // Groups: (ceil(blocks_x / local size), blocks_y, images).

@@ -1,10 +1,10 @@
 #version 460
 // Renders a view of a terrain: colour and z-depth from heights and a mosaic. One invocation per pixel.
 //
-// The ground is the surface of bilinear patches between the points of the height grid. A ray finds its first crossing from
-// above by walking the pyramid of greatest heights and solving a quadratic equation in each patch that it may meet. Colour is
-// the mean of SAMPLES x SAMPLES rays, each with a trilinear, anisotropic sample of the mosaic. Depth is that of the pixel's
-// centre; 0 if the ray meets no ground or ground without a picture.
+// The ground is the surface of bilinear patches between the points of the height grid. A ray walks the pyramid of greatest
+// heights and solves a quadratic equation in each patch that it may meet, to find its first crossing from above. Colour is the
+// mean of SAMPLES x SAMPLES rays, each with a trilinear, anisotropic sample of the mosaic. Depth is that of the pixel's centre;
+// 0 if the ray meets no ground or ground without a picture.
 // Groups: (ceil(tile width / 8), ceil(tile height / 8)).
 #extension GL_GOOGLE_include_directive : require
 #include "render/render.h"

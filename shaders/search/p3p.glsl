@@ -1,6 +1,6 @@
 // The pose from three points and the rays that see them: Lambda Twist (Persson and Nordberg, ECCV 2018), the same steps as
-// align/search/p3p.cpp in single precision. Up to four solutions; a triple that determines nothing has none, or ones that are
-// not finite. Needs se3.glsl.
+// align/search/p3p.cpp in single precision. Up to four solutions; degenerate points have none, or ones that are not finite.
+// Needs se3.glsl.
 #include "finite.glsl"
 
 // Roots of x^2 + b x + c.
@@ -37,7 +37,7 @@ vec3 eigenvector(float e, float m00, float m01, float m02, float m11, float m12)
   return vec3(a, 1.0) * inversesqrt(dot(a, a) + 1.0);
 }
 
-// Distances along unit rays y to points whose squared distances are a12, a13, a23. Returns how many.
+// Computes the distances along unit rays y to points with squared distances a12, a13, a23. Returns the number of solutions.
 int p3p_distances(vec3 y1, vec3 y2, vec3 y3, float a12, float a13, float a23, out vec3 solutions[4]) {
   float c12 = dot(y1, y2), c13 = dot(y1, y3), c23 = dot(y2, y3);
   float s12 = 1.0 - c12 * c12, s13 = 1.0 - c13 * c13, s23 = 1.0 - c23 * c23, blob = c12 * c23 * c13 - 1.0;
@@ -70,7 +70,7 @@ int p3p_distances(vec3 y1, vec3 y2, vec3 y3, float a12, float a13, float a23, ou
       if (b * b - 4.0 * c >= 0.0 && tau > 0.0 && d > 0.0 && l1 >= 0.0) solutions[count++] = vec3(l1, l2, l3);
     }
   }
-  // Newton's steps on the three distances: what single precision has lost.
+  // Newton steps on the three distances, to recover the losses of single precision.
   for (int k = 0; k < count; ++k) {
     vec3 l = solutions[k];
     for (int i = 0; i < 3; ++i) {

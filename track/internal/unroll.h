@@ -5,9 +5,10 @@
 
 namespace iclk::internal {
 
-/// Corrects a frame for a rolling shutter: the result is what a global shutter sees at the frame's time. `turn`: the rotation
-/// vector of the camera while its rows were read, rad, in its axes; the rotation is assumed to be uniform. `rows`: the time at
-/// which each pixel was read. Translation during the readout is not corrected, because that needs the depth of every pixel.
+/// Corrects a frame for a rolling shutter: the result is the image of a global shutter at the frame's time. `turn`: the
+/// rotation vector of the camera while its rows were read, rad, in its axes; the rotation is assumed to be uniform. `rows`: the
+/// time at which each pixel was read. Translation during the readout is not corrected, because that needs the depth of every
+/// pixel.
 ///
 /// The image is interpolated bilinearly. Depth, which rolls like the image, and mask take the nearest pixel. Pixels without a
 /// source get a mask of 0; if `frame` has no mask, one is made.
