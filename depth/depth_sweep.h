@@ -42,9 +42,10 @@ struct DepthMap {
   std::string reason = {};  ///< explains the status
 };
 
-/// Compares a map with sparse depths of the reference and sets `agreeing` and `reason`. If most of them contradict the map by
-/// more than `tolerance` (1/m) and 5 %, it sets `status` to diverged. It uses pixels beside each sparse depth, which priors do
-/// not affect. With fewer than 8 usable sparse depths it sets nothing. compute() calls it with its priors.
+/// Compares a map with sparse depths of the reference, and sets `agreeing`. If the map is converged, it also extends `reason`.
+/// If most sparse depths then contradict the map by more than `tolerance` (1/m) and 5 %, it sets `status` to diverged. It uses
+/// pixels beside each sparse depth, which priors do not affect. If fewer than 8 sparse depths have known pixels beside them, it
+/// sets nothing. compute() calls it with its priors.
 void compare(DepthMap& map, const Features& sparse, double tolerance);
 
 /// Fills pixels without an inverse depth. Of the nearest known values in eight directions it takes the second smallest inverse
