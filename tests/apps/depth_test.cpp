@@ -7,6 +7,8 @@
 
 #include <iclk/session/io/pose_text.h>
 
+#include "apps/iclk/depth/input.h"
+#include "apps/iclk/io/undistorter.h"
 #include "command_fixture.h"
 #include "device.h"
 
@@ -84,6 +86,23 @@ TEST_F(DepthCommand, TheExitCodeSaysWhatTheMapIsWorth) {
   EXPECT_NE(refused.err.find("diverged"), std::string::npos) << refused.err;
 }
 
+TEST_F(DepthCommand, ADepthImageIsUndistortedAsItsImage) {
+  DepthFiles files;
+  files.reference = file("a.png"), files.targets = {file("b.png")}, files.poses = {truth_}, files.camera = camera_;
+  files.depth = file("d.exr"), files.distortion = "radtan:-0.2,0.05,0,0";
+  const DepthInput input = load_depth_input(files);
+  const cv::Mat depth = cv::imread(files.depth, cv::IMREAD_UNCHANGED);
+  ASSERT_GT(input.measured.size(), 1000);
+  int moved = 0;
+  for (size_t i = 0; i < input.measured.uv.size(); i += 17) {
+    const Eigen::Vector2d there = input.lens->source(input.measured.uv[i]);
+    const float z = depth.at<float>(cvRound(there.y()), cvRound(there.x()));
+    EXPECT_NEAR(1 / input.measured.inverse_depth[i], z, 1e-3 * z) << there.transpose();
+    moved += (there - input.measured.uv[i]).norm() > 1;
+  }
+  EXPECT_GT(moved, 20);
+}
+
 TEST_F(DepthCommand, BadInputIsSaid) {
   const Folder folder;
   EXPECT_NE(run({"depth", "--help"}).out.find("Examples:"), std::string::npos);
@@ -103,6 +122,8 @@ TEST_F(DepthCommand, BadInputIsSaid) {
   refused({"--pose", truth_, "--depth-range", "1,9", "--set", "p2=400"}, 3, "p2");
   refused({"--pose", truth_, "--depth-range", "1,9", "--memory", "-1"}, 3, "--memory");
   refused({"--pose", truth_, "--depth-range", "1,9", "--memory", "2"}, 3, "2000000");
+  cv::imwrite(folder.path("small.tiff"), cv::Mat(20, 30, CV_32F, cv::Scalar(2)));
+  refused({"--pose", truth_, "--depth", folder.path("small.tiff")}, 3, "30x20");
   refused({"--result", folder.path("none.json"), "--depth-range", "1,9"}, 4, "none.json");
   refused({"--result", folder.write("broken.json", "{]"), "--depth-range", "1,9"}, 3, "broken.json");
 }

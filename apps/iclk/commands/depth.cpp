@@ -16,6 +16,7 @@
 #include "apps/iclk/depth/input.h"
 #include "apps/iclk/depth/output.h"
 #include "apps/iclk/io/images.h"
+#include "apps/iclk/io/undistorter.h"
 
 namespace iclk {
 namespace {
@@ -65,7 +66,7 @@ cv::Mat load_truth(const DepthCommand& command, const DepthInput& input) {
   const cv::Mat truth = load_depth(command.truth, command.truth_scale);
   if (truth.size() != input.reference.size())
     throw Error(ErrorCode::invalid_argument, command.truth + ": not of the reference's size");
-  return truth;
+  return input.lens ? input.lens->depth(truth) : truth;
 }
 
 DepthPlan plan_of(const DepthCommand& command, const DepthInput& input) {

@@ -66,6 +66,12 @@ Features measured(const cv::Mat& depth) {
   return out;
 }
 
+void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& reference, const std::string& reference_path) {
+  if (image.size() != reference.size())
+    refuse(path + ": " + std::to_string(image.cols) + "x" + std::to_string(image.rows) + " pixels, but " + reference_path +
+           " has " + std::to_string(reference.cols) + "x" + std::to_string(reference.rows));
+}
+
 DepthRange parse_range(const std::string& text) {
   const std::vector<double> ends = parse_numbers(text, "--depth-range NEAR,FAR");
   if (ends.size() != 2) refuse("--depth-range " + text + ": wants NEAR,FAR in metres, like 2,40");
@@ -93,29 +99,27 @@ DepthInput load_depth_input(const DepthFiles& files) {
   input.reference = load_image(files.reference);
   input.camera = fit_camera(camera, input.reference.cols, input.reference.rows);
   const auto pinhole = [](const CameraFile& file, const Camera& c) {
-    return file.distortion.empty() ? nullptr : std::make_unique<Undistorter>(c, file.distortion);
+    return file.distortion.empty() ? nullptr : std::make_shared<const Undistorter>(c, file.distortion);
   };
-  const auto undistort = pinhole(camera, input.camera);
+  input.lens = pinhole(camera, input.camera);
   std::vector<cv::Mat> images = {input.reference};
   for (const std::string& path : files.targets) images.push_back(load_image(path));
   const Levels levels(images);
   levels.apply(input.reference);
-  if (undistort) input.reference = undistort->image(input.reference);
+  if (input.lens) input.reference = input.lens->image(input.reference);
   for (size_t i = 0; i < files.targets.size(); ++i) {
     const std::string& path = files.targets[i];
     cv::Mat image = images[i + 1];
     levels.apply(image);
-    if (image.size() != input.reference.size())
-      refuse(path + ": " + std::to_string(image.cols) + "x" + std::to_string(image.rows) + " pixels, but " + files.reference +
-             " has " + std::to_string(input.reference.cols) + "x" + std::to_string(input.reference.rows));
+    require_size(image, path, input.reference, files.reference);
     input.cameras.push_back(fit_camera(target_camera, image.cols, image.rows));
     if (const auto u = pinhole(target_camera, input.cameras.back())) image = u->image(image);
     input.targets.push_back(image);
   }
   if (!files.features.empty()) {
     Features given = load_features(files.features);
-    if (undistort)
-      for (Eigen::Vector2d& uv : given.uv) uv = undistort->point(uv);
+    if (input.lens)
+      for (Eigen::Vector2d& uv : given.uv) uv = input.lens->point(uv);
     if (files.depth_along_ray) along_axis(input.camera, given);
     for (size_t i = 0; i < given.uv.size(); ++i) {
       input.priors.uv.push_back(given.uv[i]);
@@ -124,7 +128,9 @@ DepthInput load_depth_input(const DepthFiles& files) {
   }
   if (!files.depth.empty()) {
     cv::Mat depth = load_depth(files.depth, files.depth_scale > 0 ? files.depth_scale : camera.depth_scale);
-    if (files.depth_along_ray) along_axis(fit_camera(camera, depth.cols, depth.rows), depth);
+    require_size(depth, files.depth, input.reference, files.reference);
+    if (input.lens) depth = input.lens->depth(depth);
+    if (files.depth_along_ray) along_axis(input.camera, depth);
     input.measured = measured(depth);
   }
   if (!files.range.empty()) return input;

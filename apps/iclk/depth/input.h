@@ -1,4 +1,5 @@
 #pragma once
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -11,6 +12,8 @@
 #include <iclk/session/io/camera_file.h>
 
 namespace iclk {
+
+class Undistorter;
 
 /// What `iclk depth` is given, as text and files.
 struct DepthFiles {
@@ -36,6 +39,7 @@ struct DepthInput {
   Features priors;
   Features measured;  ///< of the depth image, which is no prior
   DepthRange range;
+  std::shared_ptr<const Undistorter> lens;  ///< of the reference's camera; null: it is a pinhole
 };
 
 /// Throws Error that names the file or the option: a pose is missing, sizes differ, no range is given and no depth tells it.
