@@ -31,8 +31,9 @@ std::optional<size_t> as_index(std::string_view request, size_t count) {
   return index < count || request.size() < 3 ? std::optional(index) : std::nullopt;
 }
 
-/// 32 lower-case hexadecimal digits, or nothing.
+/// 32 lower-case hexadecimal digits, or nothing. nvidia-smi writes GPU- before them.
 std::optional<std::string> as_uuid(std::string_view request) {
+  if (lower(request.substr(0, 4)) == "gpu-") request.remove_prefix(4);
   std::string digits;
   for (char c : lower(request)) {
     if (c == '-') continue;

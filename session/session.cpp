@@ -1,6 +1,7 @@
 #include <iclk/session/session.h>
 
 #include <algorithm>
+#include <cstdlib>
 
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/align/device_aligner.h>
@@ -14,6 +15,12 @@ std::unique_ptr<Aligner> make_any_aligner(Solver solver, const std::shared_ptr<e
                                           const ModelStage& stage) {
   if (solver == Solver::cpu) return make_cpu_aligner(plan, stage.aligner, stage.model);
   return make_device_aligner(context, plan, stage.aligner, solver, stage.model);
+}
+
+/// With the device that a session opens if none is named.
+SessionOptions with_device(SessionOptions options) {
+  if (const char* variable = std::getenv("ICLK_DEVICE"); variable && options.device.empty()) options.device = variable;
+  return options;
 }
 
 SessionOptions checked(SessionOptions options) {
@@ -38,7 +45,7 @@ PixelFormat lossless_format(bool deep, bool colour) {
   return colour ? PixelFormat::rgba8 : PixelFormat::r8;
 }
 
-Session::Session(const SessionOptions& options) : options_(checked(options)), stages_(checked_stages(options_)) {
+Session::Session(const SessionOptions& options) : options_(checked(with_device(options))), stages_(checked_stages(options_)) {
   if (options_.solver != Solver::cpu) context_ = open_device(options_.device);
 }
 

@@ -1,6 +1,7 @@
 // The front door: one pair in one call, keyframes, batches, plans that grow with what a session is given, masks, errors.
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <vector>
 
 #include <gtest/gtest.h>
@@ -227,6 +228,16 @@ TEST(Session, OtherModelsAreAskedInTheirOrder) {
   const RefinedAlignment r = session.align(far.pair());
   EXPECT_TRUE(r.converged()) << r.reason;
   EXPECT_EQ(r.attempts.size(), 2u);
+}
+
+TEST(Session, TheVariableMayNameTheCpu) {
+  const char* before = std::getenv("ICLK_DEVICE");
+  const std::string kept = before ? before : "";
+  setenv("ICLK_DEVICE", "cpu", 1);
+  const Session session({.model = "classical"});
+  before ? setenv("ICLK_DEVICE", kept.c_str(), 1) : unsetenv("ICLK_DEVICE");
+  EXPECT_EQ(session.options().solver, Solver::cpu);
+  EXPECT_EQ(session.context(), nullptr);
 }
 
 TEST(Session, ErrorsNameTheValue) {
