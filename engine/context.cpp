@@ -4,9 +4,9 @@
 #include <cstring>
 #include <limits>
 
-#include <iclk/engine/internal/instance.h>
 #include <iclk/engine/compute/memory_layout.h>
 #include <iclk/engine/compute/pipelines.h>
+#include <iclk/engine/internal/instance.h>
 #include <iclk/engine/result.h>
 
 namespace iclk::engine {

@@ -1,6 +1,6 @@
 #pragma once
-#include <iclk/align/plan/layout.h>
 #include <iclk/align/device/target_masks.h>
+#include <iclk/align/plan/layout.h>
 #include <iclk/align/search/matching.h>
 #include <iclk/engine/compute/kernel.h>
 #include <iclk/engine/compute/memory.h>

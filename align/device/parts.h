@@ -3,9 +3,9 @@
 #include <memory>
 #include <span>
 
+#include <iclk/align/device/device_matching.h>
 #include <iclk/align/device_aligner.h>
 #include <iclk/align/pyramid.h>
-#include <iclk/align/device/device_matching.h>
 
 namespace iclk::internal {
 

@@ -149,9 +149,9 @@ void Stages::prepare(Recorder& recorder, const Run& references) const {
 
 void Stages::match(Recorder& recorder, uint32_t pairs) const {
   if (matching)
-    matching.find(recorder, memory,
-                  {at(ids.pixels1), at(ids.references), at(ids.features), run[run_ids.pairs], kernels.target_masks, pairs,
-                   features});
+    matching.find(
+        recorder, memory,
+        {at(ids.pixels1), at(ids.references), at(ids.features), run[run_ids.pairs], kernels.target_masks, pairs, features});
 }
 
 shaders::IteratePush Stages::push(int level, uint32_t iterations, uint32_t flags) const {

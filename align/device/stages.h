@@ -3,9 +3,9 @@
 #include <vector>
 
 #include <iclk/align/aligner.h>
+#include <iclk/align/device/device_matching.h>
 #include <iclk/align/device/kernels.h>
 #include <iclk/align/network/device_network.h>
-#include <iclk/align/device/device_matching.h>
 #include <iclk/align/solver/verdict.h>
 #include <iclk/engine/compute/memory.h>
 #include <iclk/engine/compute/recorder.h>

@@ -3,8 +3,8 @@
 #include <span>
 #include <vector>
 
-#include <iclk/align/plan/layout.h>
 #include <iclk/align/features.h>
+#include <iclk/align/plan/layout.h>
 
 namespace iclk::internal {
 

@@ -1,6 +1,6 @@
 #pragma once
-#include <iclk/align/plan/layout.h>
 #include <iclk/align/network/packed_weights.h>
+#include <iclk/align/plan/layout.h>
 #include <iclk/engine/compute/recorder.h>
 
 namespace iclk::internal {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-
 #include "image_light.comp.spv.h"
 #include "image_moments.comp.spv.h"
 #include "normalise.comp.spv.h"

@@ -3,8 +3,8 @@
 #include <array>
 #include <vector>
 
-#include <iclk/align/plan/cells.h>
 #include <iclk/align/model.h>
+#include <iclk/align/plan/cells.h>
 #include <iclk/engine/context.h>
 #include <iclk/shaders/shared.h>
 

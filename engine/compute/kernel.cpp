@@ -4,8 +4,8 @@
 #include <future>
 #include <utility>
 
-#include <iclk/engine/error.h>
 #include <iclk/engine/compute/pipelines.h>
+#include <iclk/engine/error.h>
 
 namespace iclk::engine {
 namespace {

@@ -21,12 +21,10 @@ RivalBuffers::RivalBuffers(int max_pairs, const MatchLayout& layout) {
   constexpr VkFormat vec4 = VK_FORMAT_R32G32B32A32_SFLOAT;
   questions = plan.add("questions", sizeof(shaders::PairInfo) * n, device, storage);
   sought = plan.add("sought features", 16 * ICLK_ELSEWHERE_STRIDE * features * n, device, storage);
-  descriptors =
-      plan.add("warped descriptors", 16 * ICLK_MATCH_TEXELS * ICLK_MATCH_ROLLS * features * n, device, texels, vec4);
+  descriptors = plan.add("warped descriptors", 16 * ICLK_MATCH_TEXELS * ICLK_MATCH_ROLLS * features * n, device, texels, vec4);
   const uint64_t cells_n = of_cells(layout.places_x) * of_cells(layout.places_y) * features * n;
   cells = plan.add("scores of cells", sizeof(shaders::MatchInfo) * cells_n, device, storage);
-  correspondences =
-      plan.add("places elsewhere", 32 * (ICLK_ELSEWHERE_PLACES * features + 1) * n, device, texels, vec4);
+  correspondences = plan.add("places elsewhere", 32 * (ICLK_ELSEWHERE_PLACES * features + 1) * n, device, texels, vec4);
   hypotheses = plan.add("poses elsewhere", 64ull * ICLK_MATCH_HYPOTHESES * n, device, storage);
   results = plan.add("rivals found", sizeof(shaders::ResultInfo) * ICLK_RIVALS * n, device, storage);
 }
@@ -36,28 +34,26 @@ DeviceRivals::DeviceRivals(const DeviceAligner& aligner, const RefinerOptions& o
   using enum engine::BindingKind;
   constexpr uint32_t bytes = sizeof(shaders::RivalPush);
   const auto& context = aligner.context();
-  ask_ = engine::Kernel(context, {"rivals_ask",
-                                  rivals_ask_comp_spv,
-                                  {storage_read, storage_read, storage_read, storage_read, storage_read, storage_read_write,
-                                   storage_read_write},
-                                  bytes,
-                                  {}});
+  ask_ = engine::Kernel(
+      context, {"rivals_ask",
+                rivals_ask_comp_spv,
+                {storage_read, storage_read, storage_read, storage_read, storage_read, storage_read_write, storage_read_write},
+                bytes,
+                {}});
   describe_ = engine::Kernel(context, {"rivals_describe",
                                        rivals_describe_comp_spv,
                                        {texel_read, storage_read, storage_read, storage_read, storage_write},
                                        bytes,
                                        {}});
-  places_ = engine::Kernel(context, {"rivals_places",
-                                     rivals_places_comp_spv,
-                                     {storage_read, storage_read_write, storage_read_write, storage_read, texel_read,
-                                      texel_read, storage_write},
-                                     bytes,
-                                     {}});
-  take_ = engine::Kernel(context, {"rivals_take",
-                                   rivals_take_comp_spv,
-                                   {storage_read, storage_read_write, storage_read_write, storage_write},
-                                   bytes,
-                                   {}});
+  places_ = engine::Kernel(
+      context, {"rivals_places",
+                rivals_places_comp_spv,
+                {storage_read, storage_read_write, storage_read_write, storage_read, texel_read, texel_read, storage_write},
+                bytes,
+                {}});
+  take_ = engine::Kernel(
+      context,
+      {"rivals_take", rivals_take_comp_spv, {storage_read, storage_read_write, storage_read_write, storage_write}, bytes, {}});
   weigh_ = engine::Kernel(context, {"rivals_weigh",
                                     rivals_weigh_comp_spv,
                                     {storage_read, storage_read, storage_read, storage_read_write, storage_read_write,
@@ -85,12 +81,12 @@ void DeviceRivals::find(engine::Recorder& recorder, const RivalBuffers& ids, con
                     {&references, &answers[answers_ids.pairs], &answers[answers_ids.features], &answers[answers_ids.aligned],
                      &answers[answers_ids.refined], &memory[ids.questions], &memory[ids.sought]},
                     push, {pairs, 1, 1});
-  recorder.dispatch(describe_,
-                    {&matching_.reference_maps(matched_), &memory[ids.questions], &references, &memory[ids.sought],
-                     &memory[ids.descriptors]},
-                    push, {engine::groups_for(push.features, ICLK_REFINE_GROUP), 1, pairs});
-  matching_.score_cells(recorder, matched_, references, memory[ids.questions], memory[ids.descriptors],
-                        memory[ids.cells], pairs);
+  recorder.dispatch(
+      describe_,
+      {&matching_.reference_maps(matched_), &memory[ids.questions], &references, &memory[ids.sought], &memory[ids.descriptors]},
+      push, {engine::groups_for(push.features, ICLK_REFINE_GROUP), 1, pairs});
+  matching_.score_cells(recorder, matched_, references, memory[ids.questions], memory[ids.descriptors], memory[ids.cells],
+                        pairs);
   recorder.dispatch(places_,
                     {&references, &memory[ids.questions], &memory[ids.sought], &memory[ids.cells], &memory[ids.descriptors],
                      &matching_.target_descriptors(matched_), &memory[ids.correspondences]},
@@ -109,11 +105,11 @@ void DeviceRivals::weigh(engine::Recorder& recorder, const RivalBuffers& ids, co
   shaders::RivalPush push = push_;
   push.pairs = pairs;
   recorder.stage("rivals");
-  recorder.dispatch(weigh_,
-                    {&references, &answers[answers_ids.pairs], &answers[answers_ids.features], &answers[answers_ids.aligned],
-                     &answers[answers_ids.refined], &rivals[rivals_ids.aligned], &rivals[rivals_ids.refined],
-                     &memory[ids.questions]},
-                    push, {pairs, 1, 1});
+  recorder.dispatch(
+      weigh_,
+      {&references, &answers[answers_ids.pairs], &answers[answers_ids.features], &answers[answers_ids.aligned],
+       &answers[answers_ids.refined], &rivals[rivals_ids.aligned], &rivals[rivals_ids.refined], &memory[ids.questions]},
+      push, {pairs, 1, 1});
 }
 
 void DeviceRivals::add_to(engine::ArenaSize& size) const {

@@ -1,8 +1,8 @@
 #pragma once
 #include <memory>
 
-#include <iclk/align/device/parts.h>
 #include <iclk/align/device/device_matching.h>
+#include <iclk/align/device/parts.h>
 #include <iclk/engine/compute/kernel.h>
 #include <iclk/refine/internal/device_pose.h>
 #include <iclk/refine/refiner.h>

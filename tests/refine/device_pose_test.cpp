@@ -76,8 +76,9 @@ std::vector<Outcome> run(const std::vector<Case>& cases, const RefinerOptions& o
                                                            1,
                                                            static_cast<uint32_t>(a.status)};
     }
-    memory[ids.pairs].as<shaders::RefinePair>()[i] = {static_cast<uint32_t>(i), static_cast<uint32_t>(i), first, count,
-                                                      static_cast<float>(internal::unit_of(c.features)), c.search, 0};
+    const auto index = static_cast<uint32_t>(i);
+    const auto unit = static_cast<float>(internal::unit_of(c.features));
+    memory[ids.pairs].as<shaders::RefinePair>()[i] = {index, index, first, count, unit, c.search, 0};
     host[references].as<shaders::ReferenceInfo>()[i] = {static_cast<float>(c.camera.fx),
                                                         static_cast<float>(c.camera.fy),
                                                         static_cast<float>(c.camera.cx),
