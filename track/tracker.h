@@ -99,9 +99,9 @@ struct Readout {
 /// newest keyframes. The first frame with depth and texture is the origin of the map.
 ///
 /// A frame whose alignment does not converge is lost; its pose is never guessed. Each later frame is then aligned with some of
-/// the keyframes. When the camera has been lost for longer than the map tracked it, the tracker starts a new map. This replaces
-/// maps that began with a blurred frame. TrackerOptions::keyframes bounds the memory, except for one pose per keyframe ever
-/// made. One thread at a time.
+/// the keyframes. The tracker starts a new map if it has lost more frames than the map tracked. This replaces maps that
+/// began with a blurred frame. TrackerOptions::keyframes bounds the memory, except for one pose per keyframe ever made. One
+/// thread at a time.
 class Tracker {
  public:
   /// The plan that the aligner of a tracker must have. Its options need AlignerOptions::search, or the tracker cannot find lost

@@ -15,7 +15,7 @@ Examples:
   apps/train/train.py run --data set --out own --init models/sd6dof-small.safetensors \\
     --set 'model.encoder_channels=[[8], [8, 16], [16, 16], [32, 32, 32], [32, 32, 32]]' \\
     --set 'model.m_estimator_channels=[]' --set 'model.m_estimator_dilations=[]'    starts from a model
-  iclk align a.png b.png --depth a.tiff --camera 455,455,187.5,119.5 --model run/model.safetensors
+  iclk align a.png b.png --depth a.tiff --camera 227.5,227.5,187.5,119.5 --model run/model.safetensors
 
 Exit codes: 0 done; 2 wrong usage; 3 bad input; 6 stopped before the end, by a signal or --minutes.
 """
