@@ -53,6 +53,11 @@ struct Releaser {
 };
 using System = std::unique_ptr<std::remove_pointer_t<OGRSpatialReferenceH>, Releaser>;
 
+void register_drivers() {
+  static const bool registered = (GDALAllRegister(), true);
+  (void)registered;
+}
+
 [[noreturn]] void bad(const std::string& path, const std::string& why) {
   throw Error(ErrorCode::invalid_argument, path + " " + why);
 }
@@ -221,9 +226,47 @@ void read_elevation(const std::string& path, GDALDatasetH dataset, Terrain& terr
 
 }  // namespace
 
+struct MapSystem::Impl {
+  struct Destroyer {
+    void operator()(OGRCoordinateTransformationH transformation) const { OCTDestroyCoordinateTransformation(transformation); }
+  };
+  using Transformation = std::unique_ptr<std::remove_pointer_t<OGRCoordinateTransformationH>, Destroyer>;
+  Transformation to_earth, to_map;
+
+  static std::optional<Eigen::Vector2d> transform(const Transformation& transformation, double a, double b) {
+    const Messages quiet;
+    double z = 0;
+    if (!transformation || !OCTTransform(transformation.get(), 1, &a, &b, &z)) return std::nullopt;
+    if (!std::isfinite(a) || !std::isfinite(b)) return std::nullopt;
+    return Eigen::Vector2d(a, b);
+  }
+};
+
+MapSystem::MapSystem(const std::string& raster) : impl_(std::make_unique<Impl>()) {
+  register_drivers();
+  const Messages messages;
+  const Dataset dataset = open(raster, messages);
+  const System map = system_of(raster, dataset.get());
+  if (!map || OSRIsLocal(map.get())) return;
+  const System earth(OSRNewSpatialReference(nullptr));
+  OSRImportFromEPSG(earth.get(), 4326);  // latitude first
+  OSRSetAxisMappingStrategy(map.get(), OAMS_TRADITIONAL_GIS_ORDER);
+  impl_->to_earth.reset(OCTNewCoordinateTransformation(map.get(), earth.get()));
+  impl_->to_map.reset(OCTNewCoordinateTransformation(earth.get(), map.get()));
+}
+
+MapSystem::~MapSystem() = default;
+
+bool MapSystem::on_earth() const { return impl_->to_earth && impl_->to_map; }
+
+std::optional<Eigen::Vector2d> MapSystem::lat_lon(double x, double y) const { return Impl::transform(impl_->to_earth, x, y); }
+
+std::optional<Eigen::Vector2d> MapSystem::place(double latitude, double longitude) const {
+  return Impl::transform(impl_->to_map, latitude, longitude);
+}
+
 Terrain load_terrain(const std::string& mosaic, const std::string& elevation) {
-  static const bool registered = (GDALAllRegister(), true);
-  (void)registered;
+  register_drivers();
   const Messages messages;
   const Dataset picture = open(mosaic, messages), heights = open(elevation, messages);
   const System a = system_of(mosaic, picture.get()), b = system_of(elevation, heights.get());

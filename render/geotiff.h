@@ -1,5 +1,9 @@
 #pragma once
+#include <memory>
+#include <optional>
 #include <string>
+
+#include <Eigen/Core>
 
 #include <iclk/render/terrain.h>
 
@@ -17,5 +21,24 @@ namespace iclk {
 /// for: no georeference, degrees, feet, Web Mercator, rotated rows, different coordinate systems, no overlap, invalid heights.
 /// Throws Error(unsupported) for other pixel types; Error(out_of_memory) for files that do not fit.
 Terrain load_terrain(const std::string& mosaic, const std::string& elevation);
+
+/// The coordinate system of a raster.
+class MapSystem {
+ public:
+  /// Throws the errors of load_terrain() for a file that GDAL cannot read.
+  explicit MapSystem(const std::string& raster);
+  ~MapSystem();
+
+  /// False: the raster names no system, or a local one. Then its places have no latitude.
+  bool on_earth() const;
+  /// Latitude and longitude in degrees, WGS 84, of a place on the map, m; empty unless on_earth().
+  std::optional<Eigen::Vector2d> lat_lon(double x, double y) const;
+  /// The place on the map, m. Empty unless on_earth(), and for a latitude and longitude that the system does not cover.
+  std::optional<Eigen::Vector2d> place(double latitude, double longitude) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
 
 }  // namespace iclk

@@ -48,6 +48,7 @@ void add_align(CLI::App& app, int& exit);
 void add_batch(CLI::App& app, int& exit);
 void add_devices(CLI::App& app, int& exit);
 void add_demo(CLI::App& app, int& exit);
+void add_locate(CLI::App& app, int& exit);
 void add_model(CLI::App& app, int& exit);
 void add_render(CLI::App& app, int& exit);
 void add_stereo(CLI::App& app, int& exit);

@@ -196,6 +196,7 @@ Sequence load_sequence(const std::string& folder, const SequenceOptions& options
   sequence.folder = folder;
   const bool tum = fs::exists(root / "rgb.txt") || !fs::is_directory(root);
   const double unit = tum ? list_tum(root, options, sequence) : list_folders(root, options, sequence);
+  sequence.unit = unit;
   std::vector<StampedPose> truth;
   if (fs::exists(root / "groundtruth.txt")) truth = load_trajectory((root / "groundtruth.txt").string());
   make_seconds(truth, unit);

@@ -24,6 +24,7 @@ struct Sequence {
   std::optional<CameraFile> camera;   ///< of camera.txt
   std::optional<StereoFile> rig;      ///< of a stereo recording
   std::vector<SequenceFrame> frames;  ///< in order of time
+  double unit = 1;                    ///< s of one unit of time in the files
 };
 
 /// The files of a folder, hidden ones left out, in the order of their names as a person counts: frame2 before frame10. Throws

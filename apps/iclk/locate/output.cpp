@@ -1,0 +1,108 @@
+#include "apps/iclk/locate/output.h"
+
+#include <cmath>
+
+#include <fmt/format.h>
+#include <opencv2/imgproc.hpp>
+
+#include <iclk/session/io/pose_text.h>
+
+#include "apps/iclk/common/angles.h"
+#include "apps/iclk/locate/priors.h"
+#include "apps/iclk/pictures/pictures.h"
+#include "apps/json/json.h"
+
+namespace iclk {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json vector_json(const Eigen::Vector3d& v) { return {number(v.x()), number(v.y()), number(v.z())}; }
+
+/// Standard deviations of the position on the map, m, and of the attitude, degrees.
+Json sigma_json(const Located& l) {
+  const Eigen::Matrix3d position = l.T_WC.R * l.covariance.topLeftCorner<3, 3>() * l.T_WC.R.transpose();
+  return {{"position", vector_json(position.diagonal().cwiseMax(0).cwiseSqrt())},
+          {"attitude", number(std::sqrt(std::max(0.0, l.covariance.bottomRightCorner<3, 3>().trace() / 3)) / kDegree)}};
+}
+
+Json coordinates(const MapSystem& map, const Eigen::Vector3d& X) {
+  const auto at = map.lat_lon(X.x(), X.y());
+  return at ? Json{at->y(), at->x(), X.z()} : Json();
+}
+
+std::string text(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"; }
+
+}  // namespace
+
+std::string located_json(const LocatedFrame& frame, const MapSystem& map) {
+  const Located& l = frame.located;
+  Json line = {{"schema", kLocatedSchema}, {"image", frame.image},   {"time", frame.time},
+               {"status", name(l.status)}, {"reason", l.reason},     {"hypotheses", l.hypotheses},
+               {"rounds", l.rounds},       {"ms", number(frame.ms)}, {"model", l.model}};
+  if (l.converged()) {
+    line["position"] = vector_json(l.T_WC.t);
+    if (const auto at = map.lat_lon(l.T_WC.t.x(), l.T_WC.t.y())) line["lat_lon"] = {at->x(), at->y()};
+    line["yaw_pitch_roll"] = vector_json(yaw_pitch_roll(l.T_WC.R));
+    line["omega_phi_kappa"] = vector_json(omega_phi_kappa(l.T_WC.R));
+    line["T_WC"] = tum_line(l.T_WC);
+    line["covariance"] = matrix_json(l.covariance);
+    line["sigma"] = sigma_json(l);
+    line["inliers"] = l.inliers;
+    line["visible"] = l.visible;
+    line["sigma_px"] = number(l.sigma);
+  }
+  if (!l.rivals.empty()) {
+    line["rivals"] = Json::array();
+    for (const SE3& rival : l.rivals) line["rivals"].push_back(tum_line(rival));
+  }
+  return text(line);
+}
+
+std::string located_tum(std::span<const LocatedFrame> frames) {
+  std::string lines = "# timestamp tx ty tz qx qy qz qw (camera to map)\n";
+  for (const LocatedFrame& f : frames)
+    if (f.located.converged()) lines += fmt::format("{:.6f} {}\n", f.time, tum_line(f.located.T_WC));
+  return lines;
+}
+
+std::string located_geojson(std::span<const LocatedFrame> frames, const MapSystem& map) {
+  if (!map.on_earth()) return "";
+  Json features = Json::array();
+  for (const LocatedFrame& f : frames) {
+    if (!f.located.converged()) continue;
+    const Json about = {{"image", f.image}, {"time", f.time}, {"sigma", sigma_json(f.located)}};
+    features.push_back({{"type", "Feature"},
+                        {"geometry", {{"type", "Point"}, {"coordinates", coordinates(map, f.located.T_WC.t)}}},
+                        {"properties", about}});
+    if (f.footprint.empty()) continue;
+    Json ring = Json::array();
+    for (const Eigen::Vector3d& X : f.footprint) ring.push_back(coordinates(map, X));
+    ring.push_back(ring.front());
+    features.push_back({{"type", "Feature"},
+                        {"geometry", {{"type", "Polygon"}, {"coordinates", Json::array({ring})}}},
+                        {"properties", about}});
+  }
+  return text({{"type", "FeatureCollection"}, {"features", features}});
+}
+
+cv::Mat located_overlay(const View& view, const cv::Mat& image, const Camera& camera) {
+  PairInput pair;
+  const cv::Mat rgba(view.height, view.width, CV_8UC4, const_cast<uint32_t*>(view.rgba.data()));
+  cv::cvtColor(rgba, pair.image_0, cv::COLOR_RGBA2BGR);
+  pair.image_1 = image;
+  pair.camera = camera;
+  return overlay_image(pair, cv::Mat(view.height, view.width, CV_32FC1, const_cast<float*>(view.depth.data())), SE3());
+}
+
+std::vector<Eigen::Vector3d> footprint_of(const View& view, const Camera& camera, const SE3& T_WC) {
+  std::vector<Eigen::Vector3d> corners;
+  for (const auto& [u, v] : {std::pair(0, 0), {view.width - 1, 0}, {view.width - 1, view.height - 1}, {0, view.height - 1}}) {
+    const float z = view.depth[static_cast<size_t>(v) * static_cast<size_t>(view.width) + static_cast<size_t>(u)];
+    if (!(z > 0)) return {};
+    corners.push_back(T_WC * Eigen::Vector3d(z * camera.ray({u, v})));
+  }
+  return corners;
+}
+
+}  // namespace iclk

@@ -1,0 +1,36 @@
+#pragma once
+#include <span>
+#include <string>
+
+#include <opencv2/core.hpp>
+
+#include <iclk/locate/locator.h>
+#include <iclk/render/geotiff.h>
+
+namespace iclk {
+
+inline constexpr const char* kLocatedSchema = "iclk-located-1";
+
+/// A picture and where it was taken.
+struct LocatedFrame {
+  std::string image;  ///< path
+  double time = 0;    ///< s; of pictures without times their number
+  Camera camera;
+  Located located;
+  std::vector<Eigen::Vector3d> footprint;  ///< the ground at the corners of the picture, on the map; empty: unknown
+  double ms = 0;
+};
+
+/// A line of located.jsonl (docs/schema/located-1.json).
+std::string located_json(const LocatedFrame& frame, const MapSystem& map);
+/// "time tx ty tz qx qy qz qw" of the pictures that were located.
+std::string located_tum(std::span<const LocatedFrame> frames);
+/// Positions and footprints for QGIS, WGS 84. Empty unless map.on_earth().
+std::string located_geojson(std::span<const LocatedFrame> frames, const MapSystem& map);
+
+/// The map's view in red, the picture in cyan: grey where they agree.
+cv::Mat located_overlay(const View& view, const cv::Mat& image, const Camera& camera);
+/// Where the corners of a view lie on the ground of the map. Empty if a corner shows none.
+std::vector<Eigen::Vector3d> footprint_of(const View& view, const Camera& camera, const SE3& T_WC);
+
+}  // namespace iclk

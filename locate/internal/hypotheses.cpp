@@ -1,0 +1,66 @@
+#include <iclk/locate/internal/hypotheses.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <Eigen/Geometry>
+
+namespace iclk::internal {
+namespace {
+
+constexpr double kHeadingStep = M_PI / 6;  // the start search finds rolls up to 29 degrees
+constexpr double kScaleStep = 1.25;        // between heights
+constexpr double kShift = 0.5;             // of the shorter side of the picture on the ground, between positions
+
+/// 0, step, -step, 2 step, ...: any value up to `range` is within half a step of one.
+std::vector<double> steps(double range, double step) {
+  std::vector<double> values = {0};
+  const int n = static_cast<int>(std::ceil(range / step - 0.5));
+  for (int i = 1; i <= n; ++i) values.insert(values.end(), {i * step, -i * step});
+  return values;
+}
+
+std::vector<double> headings(double range) {
+  if (range < M_PI - kHeadingStep / 2) return steps(range, kHeadingStep);
+  std::vector<double> all;
+  for (int i = 0; i < 12; ++i) all.push_back(i * kHeadingStep);
+  return all;
+}
+
+/// A shift of the camera, and how unlikely it is, in sigmas.
+struct Shift {
+  Eigen::Vector3d by;
+  double sigmas = 0;
+};
+
+std::vector<Shift> shifts(const LocatePrior& prior, const Camera& camera, double distance, double reach) {
+  const double side = distance * std::min(camera.width / std::abs(camera.fx), camera.height / std::abs(camera.fy));
+  // A tilt looks elsewhere: it moves the picture on the ground as a shift does.
+  const double range = reach * prior.position_sigma + distance * std::tan(std::min(reach * prior.tilt_sigma, 1.0));
+  const double step = kShift * side;
+  std::vector<Shift> all;
+  for (const double e : steps(std::log1p(reach * prior.height_sigma / distance), std::log(kScaleStep)))
+    for (const double x : steps(range, step))
+      for (const double y : steps(range, step)) {
+        const double out = std::hypot(x, y), up = distance * std::expm1(e);
+        if (out > range + step / 2) continue;
+        const double sigmas_up = prior.height_sigma > 0 ? up / prior.height_sigma : 0;
+        all.push_back({{x, y, up}, std::hypot(range > 0 ? reach * out / range : 0, sigmas_up)});
+      }
+  std::stable_sort(all.begin(), all.end(), [](const Shift& a, const Shift& b) { return a.sigmas < b.sigmas; });
+  return all;
+}
+
+}  // namespace
+
+std::vector<SE3> hypotheses(const LocatePrior& prior, const Camera& camera, double distance, double reach) {
+  std::vector<SE3> poses;
+  for (const Shift& shift : shifts(prior, camera, distance, reach))
+    for (const double heading : headings(reach * prior.heading_sigma)) {
+      const Eigen::Matrix3d turn = Eigen::AngleAxisd(heading, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+      poses.push_back({turn * prior.T_WC.R, prior.T_WC.t + shift.by});
+    }
+  return poses;
+}
+
+}  // namespace iclk::internal

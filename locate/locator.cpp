@@ -1,0 +1,252 @@
+#include <iclk/locate/locator.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <iclk/align/pyramid.h>
+#include <iclk/engine/error.h>
+#include <iclk/locate/internal/hypotheses.h>
+#include <iclk/render/renderer.h>
+#include <iclk/session/session.h>
+
+namespace iclk {
+namespace {
+
+constexpr size_t kBatch = 16;        // views that are compared at a time
+constexpr int kFewestFeatures = 20;  // of a view that is worth comparing
+constexpr size_t kMostHypotheses = 20000;
+constexpr double kAnotherPlace = 16;  // px: poses that differ by more are two
+constexpr double kRivalShare = 0.5;   // of the answer's inliers: as many make another place a rival
+
+[[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
+
+struct Candidate {
+  SE3 T_WC;
+  bool converged = false;
+  int inliers = 0;
+};
+
+ImageView view_of(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
+
+/// [R, t^ R; 0, R]: T Exp(xi) = Exp(A xi) T.
+Matrix6d adjoint(const SE3& T) {
+  Matrix6d A = Matrix6d::Zero();
+  A.topLeftCorner<3, 3>() = A.bottomRightCorner<3, 3>() = T.R;
+  A.topRightCorner<3, 3>() = hat(T.t) * T.R;
+  return A;
+}
+
+/// m; nothing if the view shows no ground.
+std::optional<double> median_depth(const View& view) {
+  std::vector<float> depth;
+  std::copy_if(view.depth.begin(), view.depth.end(), std::back_inserter(depth), [](float z) { return z > 0; });
+  if (depth.empty()) return std::nullopt;
+  const auto middle = depth.begin() + static_cast<ptrdiff_t>(depth.size() / 2);
+  std::nth_element(depth.begin(), middle, depth.end());
+  return *middle;
+}
+
+/// px: how far T moves the corners of an image whose pixels are at this distance, the most of the four.
+double motion(const Camera& camera, const SE3& T, double distance) {
+  double most = 0;
+  for (const double u : {0.0, camera.width - 1.0})
+    for (const double v : {0.0, camera.height - 1.0}) {
+      const Eigen::Vector3d X = T * Eigen::Vector3d(distance * camera.ray({u, v}));
+      if (X.z() <= 0) return INFINITY;
+      most = std::max(most, (camera.project(X) - Eigen::Vector2d(u, v)).norm());
+    }
+  return most;
+}
+
+RenderOptions view_options() {
+  RenderOptions options;
+  options.samples = 1;  // the mosaic is filtered; more rays smooth only the edges of the relief
+  options.max_anisotropy = 4;
+  return options;
+}
+
+SessionOptions coarse_options(SessionOptions options) {
+  options.model = "classical";
+  options.stages.clear();
+  options.search = SearchMode::on;
+  options.detector.count = 100;
+  options.batch = static_cast<int>(kBatch);
+  return options;
+}
+
+}  // namespace
+
+void LocatePrior::check() const {
+  if (!T_WC.R.allFinite() || !T_WC.t.allFinite()) refuse("the pose of the prior is not finite");
+  for (const double sigma : {position_sigma, height_sigma, tilt_sigma, heading_sigma})
+    if (!(sigma >= 0 && std::isfinite(sigma))) refuse("a sigma of the prior is " + std::to_string(sigma) + "; give 0 or more");
+}
+
+void LocatorOptions::check() const {
+  if (!(reach > 0 && reach <= 10)) refuse("reach " + std::to_string(reach) + " must be above 0 and at most 10");
+  if (coarse_width < 64) refuse("coarse_width " + std::to_string(coarse_width) + " must be at least 64");
+  if (candidates < 1 || rounds < 1) refuse("candidates and rounds must be at least 1");
+  if (!(tolerance > 0)) refuse("tolerance " + std::to_string(tolerance) + " must be positive");
+}
+
+struct Locator::Impl {
+  LocatorOptions options;
+  TerrainRenderer renderer;
+  Session coarse, fine;
+
+  Impl(const std::shared_ptr<engine::Context>& context, std::shared_ptr<const Terrain> map, const LocatorOptions& o)
+      : options(o),
+        renderer(context, std::move(map), view_options()),
+        coarse(coarse_options(o.session), context),
+        fine(o.session, context) {}
+
+  bool above_ground(const SE3& T_WC) const {
+    const auto ground = renderer.terrain().height_at(T_WC.t.x(), T_WC.t.y());
+    return !ground || *ground < T_WC.t.z();
+  }
+
+  void compare(const ImageView& image, const Camera& camera, std::span<const SE3> poses, std::vector<Candidate>& found);
+  std::vector<Candidate> candidates(const ImageView& image, const Camera& camera, const LocatePrior& prior, int& hypotheses);
+  Located refine(const ImageView& image, const Camera& camera, const SE3& start);
+  bool another_place(const Camera& camera, const SE3& a, const SE3& b);
+  Located locate(const ImageView& image, const Camera& camera, const LocatePrior& prior);
+};
+
+/// Aligns the image with a view at each pose.
+void Locator::Impl::compare(const ImageView& image, const Camera& camera, std::span<const SE3> poses,
+                            std::vector<Candidate>& found) {
+  std::vector<View> views(poses.size());
+  std::vector<Map> greys(poses.size());
+  std::vector<CascadePair> pairs;
+  std::vector<SE3> starts;
+  for (size_t i = 0; i < poses.size(); ++i) {
+    if (!above_ground(poses[i])) continue;
+    views[i] = renderer.render(camera, poses[i]);
+    greys[i] = grey_map(views[i].image());
+    CascadePair pair;
+    pair.reference.image = view_of(greys[i]);
+    pair.reference.camera = camera;
+    pair.reference.features = detect_features(pair.reference.image, views[i].depth_image(), {}, coarse.options().detector);
+    pair.target = image;
+    if (pair.reference.features.size() < kFewestFeatures) continue;
+    pairs.push_back(std::move(pair));
+    starts.push_back(poses[i]);
+  }
+  if (pairs.empty()) return;
+  const std::vector<RefinedAlignment> results = coarse.align(pairs);
+  for (size_t i = 0; i < results.size(); ++i)
+    found.push_back({starts[i] * results[i].T_10.inverse(), results[i].converged(), results[i].inliers});
+}
+
+/// The best hypotheses, each at another place.
+std::vector<Candidate> Locator::Impl::candidates(const ImageView& image, const Camera& camera, const LocatePrior& prior,
+                                                 int& hypotheses) {
+  const int level = std::max(0, static_cast<int>(std::lround(std::log2(1.0 * camera.width / options.coarse_width))));
+  const Camera small = camera.at_level(level);
+  const Pyramid pyramid = grey_pyramid(image, level + 1);
+  const auto ground = renderer.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
+  std::optional<double> distance;
+  if (above_ground(prior.T_WC)) distance = median_depth(renderer.render(small, prior.T_WC));
+  if (!distance) distance = std::max(1.0, prior.T_WC.t.z() - ground.value_or(0));
+  const std::vector<SE3> poses = internal::hypotheses(prior, camera, *distance, options.reach);
+  if (poses.size() > kMostHypotheses)
+    refuse("the prior leaves " + std::to_string(poses.size()) + " poses to compare, at most " +
+           std::to_string(kMostHypotheses) + ": give smaller sigmas");
+  hypotheses = static_cast<int>(poses.size());
+  std::vector<Candidate> found, best;
+  for (size_t i = 0; i < poses.size(); i += kBatch)
+    compare(view_of(pyramid.back()), small, std::span(poses).subspan(i, std::min(kBatch, poses.size() - i)), found);
+  std::stable_sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
+    return std::pair(a.converged, a.inliers) > std::pair(b.converged, b.inliers);
+  });
+  for (const Candidate& c : found) {
+    if (static_cast<int>(best.size()) == options.candidates) break;
+    const auto known = [&](const Candidate& b) { return motion(small, b.T_WC.inverse() * c.T_WC, *distance) < kAnotherPlace; };
+    if (above_ground(c.T_WC) && std::none_of(best.begin(), best.end(), known)) best.push_back(c);
+  }
+  return best;
+}
+
+Located Locator::Impl::refine(const ImageView& image, const Camera& camera, const SE3& start) {
+  Located located;
+  located.T_WC = start;
+  while (located.rounds < options.rounds) {
+    if (!above_ground(located.T_WC)) {
+      located.status = Status::diverged, located.reason = "the pose is below the ground";
+      return located;
+    }
+    const View view = renderer.render(camera, located.T_WC);
+    const auto distance = median_depth(view);
+    if (!distance) {
+      located.status = Status::low_overlap, located.reason = "the map has no ground under the picture";
+      return located;
+    }
+    // The first view may be far off; the next ones are where the last alignment ended.
+    const auto guess = located.rounds == 0 ? std::nullopt : std::optional(SE3());
+    const Answer answer = fine.align(view.image(), view.depth_image(), image, camera, guess);
+    const SE3 T_WV = located.T_WC;
+    located.rounds += 1;
+    located.status = answer.status, located.reason = answer.reason, located.model = answer.model;
+    located.inliers = answer.inliers, located.visible = answer.visible, located.sigma = answer.sigma;
+    located.T_WC = T_WV * answer.T_10.inverse();
+    located.T_WC.orthonormalize();
+    located.rivals.clear();
+    for (const Rival& rival : answer.rivals) located.rivals.push_back(T_WV * rival.T_10.inverse());
+    if (!answer.converged()) return located;
+    // T_WV (T_10 Exp(xi))^-1 = T_WC Exp(-A xi), A = Ad(T_10)
+    const Matrix6d A = adjoint(answer.T_10);
+    located.covariance = A * answer.covariance * A.transpose();
+    if (motion(camera, answer.T_10, *distance) < options.tolerance) return located;
+  }
+  return located;
+}
+
+bool Locator::Impl::another_place(const Camera& camera, const SE3& a, const SE3& b) {
+  const auto distance = median_depth(renderer.render(camera, a));
+  return !distance || motion(camera, a.inverse() * b, *distance) > kAnotherPlace;
+}
+
+Located Locator::Impl::locate(const ImageView& image, const Camera& camera, const LocatePrior& prior) {
+  Located best;
+  best.T_WC = prior.T_WC;
+  best.status = Status::low_overlap;
+  best.reason = "the map shows too little where the prior looks";
+  int hypotheses = 0;
+  for (const Candidate& c : candidates(image, camera, prior, hypotheses)) {
+    // Behind a converged answer only places that converged, too, can be rivals.
+    if (best.converged() && !c.converged) break;
+    const Located other = refine(image, camera, c.T_WC);
+    if (!best.converged()) {
+      if (other.converged() || best.rounds == 0) best = other;
+    } else if (other.converged() && other.inliers >= kRivalShare * best.inliers &&
+               another_place(camera, best.T_WC, other.T_WC)) {
+      best.rivals.push_back(other.T_WC);
+    }
+  }
+  best.hypotheses = hypotheses;
+  if (best.converged() && !best.rivals.empty()) {
+    best.status = Status::ambiguous;
+    best.covariance.setZero();
+    best.reason = "the picture fits at " + std::to_string(best.rivals.size() + 1) + " places of the map";
+  }
+  return best;
+}
+
+Locator::Locator(std::shared_ptr<engine::Context> context, std::shared_ptr<const Terrain> map, const LocatorOptions& options) {
+  options.check();
+  impl_ = std::make_unique<Impl>(context, std::move(map), options);
+}
+Locator::~Locator() = default;
+
+View Locator::view(const Camera& camera, const SE3& T_WC) { return impl_->renderer.render(camera, T_WC); }
+
+Located Locator::locate(const ImageView& image, const Camera& camera, const LocatePrior& prior) {
+  prior.check();
+  camera.check();
+  if (image.width != camera.width || image.height != camera.height)
+    refuse("the picture has " + std::to_string(image.width) + "x" + std::to_string(image.height) + " pixels, its camera " +
+           std::to_string(camera.width) + "x" + std::to_string(camera.height));
+  return impl_->locate(image, camera, prior);
+}
+
+}  // namespace iclk
