@@ -22,7 +22,7 @@ void Camera::check() const {
     why << "camera image size " << width << "x" << height << " is empty";
   else if (std::abs(fx) < kLeastFocal * width || std::abs(fy) < kLeastFocal * height)
     why << "camera focal length fx,fy = " << fx << "," << fy << " is too short for " << width << "x" << height
-        << " pixels; give it in pixels (of normalised intrinsics: fx and cx times the width, fy and cy times the height)";
+        << " pixels; give it in pixels (multiply normalised fx and cx by the width, fy and cy by the height)";
   else
     return;
   throw Error(ErrorCode::invalid_argument, why.str());

@@ -33,7 +33,7 @@ const Plan& checked(const Plan& plan, const AlignerOptions& options, Solver solv
   }
   if (plan.target_masks && channels(plan.format) != 4)
     throw Error(ErrorCode::invalid_argument, "a plan with target_masks needs the format rgba8, bgra8 or rgba32f on a device");
-  if (solver == Solver::cpu) throw Error(ErrorCode::invalid_argument, "the CPU reference is made by make_cpu_aligner");
+  if (solver == Solver::cpu) throw Error(ErrorCode::invalid_argument, "Solver::cpu needs no device: use make_cpu_aligner");
   return plan;
 }
 
@@ -225,8 +225,8 @@ void DeviceAligner::Impl::check_pairs(std::span<const Pair> pairs) const {
   for (size_t i = 0; i < pairs.size(); ++i) {
     internal::check_pair(pairs[i], i, plan);
     if (!slots[static_cast<size_t>(pairs[i].reference)].set)
-      throw Error(ErrorCode::invalid_argument,
-                  "pair " + std::to_string(i) + ": reference slot " + std::to_string(pairs[i].reference) + " was never set");
+      throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
+                                                   std::to_string(pairs[i].reference) + " was never set; call set_reference");
   }
 }
 
@@ -314,7 +314,7 @@ std::vector<Alignment> DeviceAligner::Impl::finish() {
 }
 
 void DeviceAligner::Impl::check_nothing_started() const {
-  if (!started.empty()) throw Error(ErrorCode::invalid_argument, "an alignment was started; call finish() first");
+  if (!started.empty()) throw Error(ErrorCode::invalid_argument, "an alignment is still running; call finish() first");
 }
 
 void DeviceAligner::start(std::span<const Pair> pairs, const engine::Synchronisation& synchronisation) {
@@ -323,7 +323,7 @@ void DeviceAligner::start(std::span<const Pair> pairs, const engine::Synchronisa
   if (m.solver != Solver::device) throw Error(ErrorCode::invalid_argument, "start() needs an aligner made with Solver::device");
   if (pairs.empty() || pairs.size() > static_cast<size_t>(m.batch))
     throw Error(ErrorCode::invalid_argument,
-                std::to_string(pairs.size()) + " pairs, start() takes 1 to " + std::to_string(m.batch));
+                std::to_string(pairs.size()) + " pairs: start() takes 1 to " + std::to_string(m.batch));
   m.check_pairs(pairs);
   m.submission.wait();  // as in set_reference()
   m.start(pairs, synchronisation);

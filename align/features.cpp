@@ -30,8 +30,7 @@ std::vector<FeatureCheck> check_features(const Features& features, const Camera&
                  sigma = features.inverse_depth_sigma.empty() ? 0 : features.inverse_depth_sigma[i];
     if (std::isfinite(q) && q > 0 && (sigma < 0 || std::isinf(sigma)))
       throw Error(ErrorCode::invalid_argument, "feature " + std::to_string(i) + ": the sigma of its inverse depth is " +
-                                                   std::to_string(sigma) +
-                                                   "; it must be positive and finite, or 0 where unknown");
+                                                   std::to_string(sigma) + "; it must be positive and finite, or 0 if unknown");
     // Every infinite depth (q = 0) is "no depth"; an infinite q is a depth of zero, which no camera measures.
     if (!uv.allFinite() || !std::isfinite(q)) {
       checks[i] = FeatureCheck::not_finite;

@@ -20,7 +20,7 @@ constexpr double kExact = 1e-12;
 
 Lens::Lens(Distortion distortion) : distortion_(std::move(distortion)) {
   const std::vector<double>& k = distortion_.k;
-  const auto fail = [](const std::string& why) { throw Error(ErrorCode::invalid_argument, "a lens: " + why); };
+  const auto fail = [](const std::string& why) { throw Error(ErrorCode::invalid_argument, "lens: " + why); };
   for (const double x : k)
     if (!std::isfinite(x)) fail("a coefficient is not finite");
   switch (distortion_.model) {

@@ -33,7 +33,8 @@ constexpr const char* kFormat = "iclk-model-1";
 const std::string& text(const Safetensors& file, const char* key) {
   const std::string* found = file.find_metadata(key);
   if (!found)
-    refuse(std::string("metadata '") + key + "' is missing; export the model again, with what align/model_file.h lists");
+    refuse(std::string("metadata '") + key +
+           "' is missing; export the model again with the metadata that align/model_file.h lists");
   return *found;
 }
 
@@ -59,14 +60,14 @@ Json json(const Safetensors& file, const char* key) {
 }
 
 double number(const Json& value, const char* key) {
-  if (value.kind != Json::Kind::number) refuse(std::string("metadata '") + key + "' must hold numbers");
+  if (value.kind != Json::Kind::number) refuse(std::string("metadata '") + key + "' must have numbers");
   return value.number;
 }
 
 std::array<float, 3> channel_values(const Safetensors& file, const char* key, int channels, float rest) {
   const Json list = json(file, key);
   if (list.kind != Json::Kind::array || list.items.size() != static_cast<size_t>(channels))
-    refuse(std::string("metadata '") + key + "' must be a list of " + std::to_string(channels) + ", one a channel");
+    refuse(std::string("metadata '") + key + "' must be a list of " + std::to_string(channels) + ", one per channel");
   std::array<float, 3> out{rest, rest, rest};
   for (size_t c = 0; c < list.items.size(); ++c) out[c] = static_cast<float>(number(list.items[c], key));
   return out;
@@ -74,8 +75,8 @@ std::array<float, 3> channel_values(const Safetensors& file, const char* key, in
 
 std::vector<int> sizes(const Json& list, const char* key, int most) {
   if (list.kind != Json::Kind::array || list.items.empty() || list.items.size() > internal::kMaxLevelLayers)
-    refuse(std::string("metadata '") + key + "' must hold lists of 1 to " + std::to_string(internal::kMaxLevelLayers) +
-           " numbers, one a layer");
+    refuse(std::string("metadata '") + key + "' must have lists of 1 to " + std::to_string(internal::kMaxLevelLayers) +
+           " numbers, one per layer");
   std::vector<int> out;
   for (const Json& item : list.items) out.push_back(static_cast<int>(item.integer(key, static_cast<size_t>(most))));
   return out;
@@ -85,7 +86,7 @@ std::vector<std::vector<int>> level_sizes(const Safetensors& file, const char* k
   const Json list = json(file, key);
   if (list.kind != Json::Kind::array || list.items.empty() || list.items.size() > internal::kMaxModelLevels)
     refuse(std::string("metadata '") + key + "' must be a list of 1 to " + std::to_string(internal::kMaxModelLevels) +
-           " lists, one a level");
+           " lists, one per level");
   std::vector<std::vector<int>> out;
   for (const Json& item : list.items) out.push_back(sizes(item, key, most));
   return out;
@@ -119,7 +120,7 @@ class Layers {
         std::find_if(file_->tensors.begin(), file_->tensors.end(), [&](const auto& t) { return t.name == name; });
     if (found == file_->tensors.end()) refuse("tensor '" + name + "' of shape " + expected.shape_text() + " is missing");
     if (found->shape != shape)
-      refuse("tensor '" + name + "' has the shape " + found->shape_text() + ", the architecture needs " +
+      refuse("tensor '" + name + "' has the shape " + found->shape_text() + ", but the architecture needs " +
              expected.shape_text());
     std::vector<float> data = std::move(found->data);
     file_->tensors.erase(found);
@@ -168,7 +169,7 @@ Model to_model(Safetensors file) {
                             .take(4, sizes(json(file, "m_estimator_channels"), "m_estimator_channels", internal::kMaxChannels),
                                   sizes(json(file, "m_estimator_dilations"), "m_estimator_dilations", internal::kMaxDilation));
   if (!file.tensors.empty())
-    refuse("tensor " + in_quotes(file.tensors.front().name) + " belongs to no layer that the metadata list");
+    refuse("tensor " + in_quotes(file.tensors.front().name) + " belongs to none of the layers in the metadata");
   internal::check_model(model);
   return model;
 }
@@ -210,17 +211,17 @@ Model load_model(const std::string& path) {
   std::error_code error;
   const auto status = std::filesystem::status(path, error);
   if (error || !std::filesystem::exists(status)) fail(error ? error.message() : std::strerror(ENOENT));
-  if (!std::filesystem::is_regular_file(status)) fail("it is no file");
+  if (!std::filesystem::is_regular_file(status)) fail("it is not a file");
   const uintmax_t size = std::filesystem::file_size(path, error);
   if (error) fail(error.message());
   if (size > kMaxFile)
-    throw Error(ErrorCode::invalid_argument, "model " + path + ": has " + std::to_string(size) + " bytes, at most " +
-                                                 std::to_string(kMaxFile) + " are read");
+    throw Error(ErrorCode::invalid_argument, "model " + path + ": has " + std::to_string(size) + " bytes, but at most " +
+                                                 std::to_string(kMaxFile) + " are allowed");
   std::ifstream file(path, std::ios::binary);
   if (!file) fail(std::strerror(errno));
   std::vector<uint8_t> bytes(static_cast<size_t>(size));
   file.read(reinterpret_cast<char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
-  if (file.bad() || static_cast<size_t>(file.gcount()) != bytes.size()) fail("it ended early");
+  if (file.bad() || static_cast<size_t>(file.gcount()) != bytes.size()) fail("the file is truncated");
   return parse_model(bytes, path);
 }
 

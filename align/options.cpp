@@ -37,9 +37,9 @@ void Plan::check(const AlignerOptions& options) const {
     if (!ok) refuse(what, value, range);
   };
   if (dense && choose_features)
-    throw Error(ErrorCode::invalid_argument, "a dense plan has no features to choose: switch choose_features or dense off");
+    throw Error(ErrorCode::invalid_argument, "a dense plan uses no features: turn choose_features or dense off");
   if (dense && options.search)
-    throw Error(ErrorCode::invalid_argument, "a start search serves sparse plans: switch search or dense off");
+    throw Error(ErrorCode::invalid_argument, "the start search needs a sparse plan: turn search or dense off");
   // The coarsest level must have at least one pixel with both neighbours, or there is no gradient.
   const int smallest = 3 << (options.levels - 1);
   const std::string range = "at least " + std::to_string(smallest) + " for " + std::to_string(options.levels) +

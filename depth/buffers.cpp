@@ -15,11 +15,11 @@ engine::MemoryBytes bytes_of(const engine::Context& context, const DepthPlan& pl
   const DepthBuffers buffers(plan, rows, layout);
   const engine::MemoryBytes bytes = layout.bytes(context);
   if (plan.most_bytes > 0 && bytes.total() > plan.most_bytes)
-    throw Error(ErrorCode::unsupported, "depth: images of " + std::to_string(plan.width) + "x" + std::to_string(plan.height) +
-                                            " with " + std::to_string(plan.planes) + " planes and " +
-                                            std::to_string(plan.views) + " views, " + std::to_string(rows) +
-                                            " rows at a time, take " + std::to_string(bytes.total()) + " bytes, not the " +
-                                            std::to_string(plan.most_bytes) + " allowed; use fewer planes, or smaller images");
+    throw Error(ErrorCode::unsupported,
+                "depth: images of " + std::to_string(plan.width) + "x" + std::to_string(plan.height) + " with " +
+                    std::to_string(plan.planes) + " planes and " + std::to_string(plan.views) + " views, " +
+                    std::to_string(rows) + " rows at a time, take " + std::to_string(bytes.total()) + " bytes, but " +
+                    std::to_string(plan.most_bytes) + " are allowed; use fewer planes or smaller images");
   return bytes;
 }
 

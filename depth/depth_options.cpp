@@ -27,9 +27,9 @@ void DepthPlan::check() const {
   if (planes % ICLK_DEPTH_QUAD != 0)
     fail(std::to_string(planes) + " planes: must be a multiple of " + std::to_string(ICLK_DEPTH_QUAD));
   if (std::max(width, height) * (planes / ICLK_DEPTH_QUAD) > kMostRounds)
-    fail("images of " + std::to_string(width) + "x" + std::to_string(height) + " take " +
+    fail("images of " + std::to_string(width) + "x" + std::to_string(height) + " allow " +
          std::to_string(kMostRounds / std::max(width, height) * ICLK_DEPTH_QUAD) + " planes at most, not " +
-         std::to_string(planes) + "; use fewer, or smaller images");
+         std::to_string(planes) + "; use fewer planes or smaller images");
 }
 
 void DepthOptions::check() const {
@@ -46,7 +46,7 @@ void DepthOptions::check() const {
 void DepthRange::check() const {
   if (!(near > 0 && std::isfinite(near) && far > near))
     fail("a range of depth from " + internal::text_of(near) + " to " + internal::text_of(far) +
-         " m: the near end must be above 0, the far end beyond it");
+         " m: near must be above 0, and far above near");
 }
 
 int planes_for(const Camera& reference, std::span<const Camera> cameras, std::span<const SE3> T_10, const DepthRange& range,
@@ -74,7 +74,7 @@ DepthRange range_of(std::span<const double> inverse_depths, double margin) {
   std::vector<double> w;
   for (const double value : inverse_depths)
     if (std::isfinite(value) && value > 0) w.push_back(value);
-  if (w.empty()) fail("no sparse depth tells the range; give it");
+  if (w.empty()) fail("the depth range is unknown: give near and far, or sparse depths");
   std::sort(w.begin(), w.end());
   const size_t cut = w.size() / 100;
   const double low = w[cut] / (1 + margin), high = w[w.size() - 1 - cut] * (1 + margin);

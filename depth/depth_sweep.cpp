@@ -106,7 +106,7 @@ struct DepthSweep::Impl {
 
   void check_image(const ImageView& image, const Camera& camera, const std::string& what) const {
     if (image.empty() || image.width != plan.width || image.height != plan.height)
-      fail(what + " has " + std::to_string(image.width) + "x" + std::to_string(image.height) + " pixels, the plan " +
+      fail(what + " has " + std::to_string(image.width) + "x" + std::to_string(image.height) + " pixels, but the plan " +
            std::to_string(plan.width) + "x" + std::to_string(plan.height));
     camera.check();
     if (camera.width != plan.width || camera.height != plan.height)
@@ -117,14 +117,14 @@ struct DepthSweep::Impl {
   void check(const ImageView& reference, const Camera& camera, std::span<const DepthSource> sources) const {
     check_image(reference, camera, "the reference");
     if (sources.empty() || sources.size() > static_cast<size_t>(plan.views))
-      fail(std::to_string(sources.size()) + " views, the plan has room for 1 to " + std::to_string(plan.views));
+      fail(std::to_string(sources.size()) + " views, but the plan has room for 1 to " + std::to_string(plan.views));
     for (size_t i = 0; i < sources.size(); ++i) {
       const std::string what = "view " + std::to_string(i);
       check_image(sources[i].image, sources[i].camera, what);
       const SE3& T = sources[i].T_10;
-      if (!T.t.allFinite() || !T.R.allFinite()) fail("the pose of " + what + " holds NaN or infinite numbers");
+      if (!T.t.allFinite() || !T.R.allFinite()) fail("the pose of " + what + " has NaN or infinite numbers");
       if (!(T.R * T.R.transpose()).isIdentity(1e-6) || T.R.determinant() < 0)
-        fail("the pose of " + what + " is no rotation and translation");
+        fail("the pose of " + what + " is not a rotation and translation");
       if (T.t.norm() == 0) fail("the pose of " + what + " does not move the camera: without a baseline there is no depth");
     }
   }

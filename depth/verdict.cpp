@@ -70,13 +70,13 @@ void internal::judge(DepthMap& map) {
   double sum = 0;
   for (const float c : map.confidence.data) sum += static_cast<double>(c);
   const double confidence = sum / static_cast<double>(map.confidence.data.size()) / std::max(map.seen, 1e-9);
-  const std::string answered = percent(map.valid) + " of the pixels have a depth, the views see " + percent(map.seen);
+  const std::string answered = percent(map.valid) + " of the pixels have a depth; the views see " + percent(map.seen);
   if (map.seen < kLeastSeen) {
     map.status = Status::low_overlap;
     map.reason = "the views see " + percent(map.seen) + " of the reference at these depths: check the poses and the range";
   } else if (confidence < kLeastConfidence) {
     map.status = Status::degenerate;
-    map.reason = answered + ", hardly better than by chance: check the poses and the range; no texture, no depth";
+    map.reason = answered + "; matches are hardly better than chance: check the poses and the range, and that there is texture";
   } else {
     map.status = Status::converged;
     map.reason = answered;

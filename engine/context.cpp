@@ -136,7 +136,7 @@ std::shared_ptr<Context> ContextBuilder::create(const ContextOptions& options) {
   info.pEnabledFeatures = &needed.features;
   VkDevice device = VK_NULL_HANDLE;
   check(vk.CreateDevice(c.physical_device_, &info, nullptr, &device), "vkCreateDevice",
-        infos[choice.index].name + "; choose another of: " + engine::describe(infos));
+        infos[choice.index].name + "; choose another device: " + engine::describe(infos));
   try {
     c.vk_ = load_device_functions(vk.GetDeviceProcAddr, device);
   } catch (...) {
@@ -250,13 +250,13 @@ MemoryBlock Context::allocate(const MemoryRequest& request, const std::string& d
   const VkMemoryRequirements& needs = request.requirements;
   if (allocate_memory_) {
     const MemoryBlock block = allocate_memory_(request);
-    if (!block.memory) throw Error(ErrorCode::out_of_memory, "HostDevice::allocate_memory has no " + details);
+    if (!block.memory) throw Error(ErrorCode::out_of_memory, "HostDevice::allocate_memory returned no memory: " + details);
     if (block.offset % needs.alignment == 0 && (block.mapped || !request.mapped)) return block;
     free_memory_(block);
-    throw Error(ErrorCode::invalid_argument, "HostDevice::allocate_memory: a block at offset " + std::to_string(block.offset) +
-                                                 (block.mapped ? ", mapped" : ", not mapped") + ", asked for " +
-                                                 (request.mapped ? "one that is mapped, " : "one ") + "at a multiple of " +
-                                                 std::to_string(needs.alignment));
+    throw Error(ErrorCode::invalid_argument, "HostDevice::allocate_memory returned a block at offset " +
+                                                 std::to_string(block.offset) + (block.mapped ? " (mapped)" : " (not mapped)") +
+                                                 ", but it must be " + (request.mapped ? "mapped, and " : "") +
+                                                 "at a multiple of " + std::to_string(needs.alignment));
   }
   MemoryBlock block;
   const VkMemoryAllocateInfo info{VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO, nullptr, needs.size,

@@ -28,7 +28,7 @@ const char* name(VkResult result) {
     X(VK_ERROR_INVALID_EXTERNAL_HANDLE)
     X(VK_ERROR_UNKNOWN)
 #undef X
-    default: return "a VkResult without a name here";
+    default: return "unknown VkResult";
   }
 }
 
@@ -44,7 +44,7 @@ void check(VkResult result, const char* call, const std::string& details) {
     case VK_ERROR_MEMORY_MAP_FAILED: code = ErrorCode::out_of_memory; break;
     case VK_ERROR_DEVICE_LOST:
       code = ErrorCode::device_lost;
-      remedy = "; destroy every object of this device and create it anew";
+      remedy = "; destroy all objects of this device and create them again";
       break;
     default: break;
   }

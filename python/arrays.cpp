@@ -22,7 +22,7 @@ NewArray<T> moved(std::vector<T>&& values, const std::vector<size_t>& shape) {
 
 ImageView image_view(const Array& image) {
   const bool colour = image.ndim() == 3;
-  if (image.ndim() != 2 && !(colour && image.shape(2) == 3)) refuse("an image is H x W or H x W x 3");
+  if (image.ndim() != 2 && !(colour && image.shape(2) == 3)) refuse("an image must be H x W or H x W x 3");
   const auto of = [&]<class T>(T, PixelFormat grey, PixelFormat rgb, ImageView& view) {
     if (image.dtype() != nb::dtype<T>()) return false;
     view.format = colour ? rgb : grey;
@@ -31,7 +31,7 @@ ImageView image_view(const Array& image) {
   ImageView view{image.data(), static_cast<int>(image.shape(1)), static_cast<int>(image.shape(0)), 0, PixelFormat::r8};
   if (!of(uint8_t(), PixelFormat::r8, PixelFormat::rgb8, view) && !of(uint16_t(), PixelFormat::r16, PixelFormat::rgb16, view) &&
       !of(float(), PixelFormat::r32f, PixelFormat::rgb32f, view))
-    refuse("an image is uint8, uint16 or float32");
+    refuse("an image must be uint8, uint16 or float32");
   const auto channels = static_cast<int64_t>(colour ? 3 : 1);
   if (image.shape(0) > 1) {
     const int64_t row = image.stride(0);
@@ -39,7 +39,7 @@ ImageView image_view(const Array& image) {
     view.row_stride = static_cast<size_t>(row) * image.itemsize();
   }
   if (view.width > 1 && (image.stride(1) != channels || (colour && image.stride(2) != 1)))
-    refuse("pixels of an image do not follow each other");
+    refuse("the pixels of an image row must be contiguous");
   return view;
 }
 

@@ -42,8 +42,7 @@ std::tuple<NewArray<float>, NewArray<float>, double, double, double, int, std::s
   DepthRange range{near, far};
   if (near == 0) {
     if (priors.size() == 0)
-      throw Error(ErrorCode::invalid_argument,
-                  "where to look for depth is not said: give near and far, or sparse uv and depth");
+      throw Error(ErrorCode::invalid_argument, "the depth range is unknown: give near and far, or sparse uv and depth");
     range = range_of(priors.inverse_depth);
   }
   range.check();

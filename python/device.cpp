@@ -41,7 +41,7 @@ std::shared_ptr<engine::Context> shared_device(const std::string& wish) {
     context = open_device(name);
   } catch (const Error& e) {
     if (e.code() != ErrorCode::no_driver) throw;
-    throw Error(e.code(), std::string(e.what()) + "; device=\"cpu\" needs none");
+    throw Error(e.code(), std::string(e.what()) + "; device=\"cpu\" needs no Vulkan");
   }
   return opened().emplace(key, std::move(context)).first->second;
 }

@@ -64,14 +64,14 @@ SessionOptions parse_options(const Keywords& keywords, std::vector<std::string> 
     if (setter == setters().end()) {
       std::string known;
       for (const auto& [other, set] : setters()) known += (known.empty() ? "" : ", ") + other;
-      throw nb::type_error(("there is no option '" + name + "': one of " + known).c_str());
+      throw nb::type_error(("unknown option '" + name + "'; it must be one of " + known).c_str());
     }
     if (value.is_none()) continue;  // not said
     try {
       setter->second(options, value);
     } catch (const nb::cast_error&) {
       const std::string type = nb::cast<std::string>(nb::str(value.type().attr("__name__")));
-      throw nb::type_error((name + " is of the wrong type: " + type).c_str());
+      throw nb::type_error((name + " has the wrong type: " + type).c_str());
     }
   }
   if (options.device == "cpu") options.solver = Solver::cpu;

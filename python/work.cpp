@@ -27,7 +27,7 @@ Working::Working() {
   static_cast<void>(registered);
   if (ending) {
     if (std::this_thread::get_id() == ended_by)
-      throw Error(ErrorCode::unsupported, "the interpreter is ending: nothing new is begun");
+      throw Error(ErrorCode::unsupported, "the interpreter is shutting down: no new work is started");
     // A daemon thread. What it would print of an exception while the interpreter goes can abort the process, so it waits for
     // the end, as CPython 3.14 lets it do by itself.
     const nb::gil_scoped_release released;
@@ -55,8 +55,8 @@ void check_signals() {
 
 void refuse_forked(const char* what) {
   throw Error(ErrorCode::unsupported, std::string("this ") + what +
-                                          " was made before the process was forked, and its device did not come along: make "
-                                          "one in the worker, or start workers with multiprocessing's 'spawn'");
+                                          " was made before the process was forked, and a device does not survive a fork: make "
+                                          "it in the worker, or start workers with multiprocessing's 'spawn'");
 }
 
 }  // namespace iclk::python

@@ -41,7 +41,7 @@ ImageView keep(const ImageView& image, std::vector<uint8_t>& pixels) {
 }  // namespace
 
 Cascade::Cascade(std::vector<Step> steps) : steps_(std::move(steps)), running_(steps_.size()) {
-  if (steps_.empty()) throw Error(ErrorCode::invalid_argument, "a cascade needs one model at least");
+  if (steps_.empty()) throw Error(ErrorCode::invalid_argument, "a cascade needs at least one model");
   start(0);
 }
 
@@ -156,7 +156,7 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
   other.fixed = std::move(result.fixed);
   for (size_t i = 0; i < whole.size(); ++i)
     if (other.fixed[i]) other.inverse_depth[i] = whole[i];
-  other.reason += "; " + std::to_string(fixed) + " features that stand still with the camera left out";
+  other.reason += "; " + std::to_string(fixed) + " features that are fixed to the camera are left out";
   result = std::move(other);
 }
 

@@ -165,11 +165,12 @@ struct DeviceRefiner::Impl {
   static const RefinerOptions& checked(const DeviceAligner& aligner, const RefinerOptions& options) {
     options.check();
     if (options.structure)
-      throw Error(ErrorCode::invalid_argument, "structure is refined on the host: use Refiner, or set structure = false");
+      throw Error(ErrorCode::invalid_argument,
+                  "DeviceRefiner does not refine structure: use Refiner, or set structure = false");
     if (aligner.plan().max_features > ICLK_REFINE_FEATURES)
       throw Error(ErrorCode::unsupported, "a plan of " + std::to_string(aligner.plan().max_features) +
-                                              " features; in a command buffer at most " + std::to_string(ICLK_REFINE_FEATURES) +
-                                              " a pair are refined");
+                                              " features: a command buffer refines at most " +
+                                              std::to_string(ICLK_REFINE_FEATURES) + " per pair");
     return options;
   }
 

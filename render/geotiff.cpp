@@ -67,8 +67,8 @@ Dataset open(const std::string& path, const Messages& messages) {
   if (::stat(path.c_str(), &status) != 0) throw Error(ErrorCode::io, "cannot read " + path + ": no such file");
   Dataset dataset(GDALOpenEx(path.c_str(), GDAL_OF_RASTER | GDAL_OF_READONLY, nullptr, nullptr, nullptr));
   if (!dataset)
-    throw Error(ErrorCode::io, "cannot read " + path + ": not a raster that GDAL can read, or damaged" + messages.why());
-  if (GDALGetRasterCount(dataset.get()) < 1) throw Error(ErrorCode::io, "cannot read " + path + ": no band in it");
+    throw Error(ErrorCode::io, "cannot read " + path + ": damaged, or in a format that GDAL cannot read" + messages.why());
+  if (GDALGetRasterCount(dataset.get()) < 1) throw Error(ErrorCode::io, "cannot read " + path + ": it has no band");
   return dataset;
 }
 
@@ -80,7 +80,7 @@ System system_of(const std::string& path, GDALDatasetH dataset) {
   const auto check_unit = [&](double metres, const char* unit, const char* of) {
     if (std::abs(metres - 1) > 1e-9)
       bad(path, std::string("has ") + of + " in '" + (unit ? unit : "?") + "' of " + number(metres) +
-                    " m; metres are needed: gdalwarp -t_srs with a system in metres");
+                    " m; convert it to metres: gdalwarp -t_srs with a system in metres");
   };
   char* unit = nullptr;
   if (OSRIsCompound(system.get())) {
@@ -88,14 +88,13 @@ System system_of(const std::string& path, GDALDatasetH dataset) {
     check_unit(metres, unit, "heights");
     OSRStripVertical(system.get());
   }
-  const std::string remedy =
-      "; the renderer needs metres on the ground: gdalwarp -t_srs EPSG:326xx (the UTM zone of the place) " + path +
-      " projected.tif, for mosaic and elevation alike";
+  const std::string remedy = "; the renderer needs metres on the ground: gdalwarp -t_srs EPSG:326xx (your UTM zone) " + path +
+                             " projected.tif, for both mosaic and elevation";
   if (OSRIsGeographic(system.get()) || OSRIsGeocentric(system.get()))
-    bad(path, "is not projected, its coordinates are degrees of longitude and latitude or geocentric" + remedy);
+    bad(path, "is not projected: its coordinates are degrees of longitude and latitude, or geocentric" + remedy);
   const char* code = OSRGetAuthorityCode(system.get(), nullptr);
   if (code != nullptr && std::string(code) == "3857")
-    bad(path, "is in Web Mercator, whose metres are longer than those on the ground by 1 / cos(latitude)" + remedy);
+    bad(path, "is in Web Mercator, whose metres differ from metres on the ground by 1 / cos(latitude)" + remedy);
   const double metres = OSRGetLinearUnits(system.get(), &unit);
   check_unit(metres, unit, "lengths");
   return system;
@@ -112,15 +111,16 @@ Grid grid_of(const std::string& path, GDALDatasetH dataset) {
   const int width = GDALGetRasterXSize(dataset), height = GDALGetRasterYSize(dataset);
   double g[6];
   if (GDALGetGeoTransform(dataset, g) != CE_None)
-    bad(path, "has no georeference, so its place on the map is unknown: gdal_translate -a_ullr LEFT TOP RIGHT BOTTOM (metres)");
+    bad(path, "has no georeference: set it with gdal_translate -a_ullr LEFT TOP RIGHT BOTTOM (metres)");
   // Less than a hundredth of a pixel over the whole raster is rounding by the program that wrote it.
   const bool turned = std::abs(g[2]) * height > 0.01 * std::abs(g[1]) || std::abs(g[4]) * width > 0.01 * std::abs(g[5]);
   if (turned || !(g[1] > 0) || !(g[5] < 0))
     bad(path, "is rotated or mirrored on the map (geotransform " + number(g[1]) + " " + number(g[2]) + " " + number(g[4]) +
-                  " " + number(g[5]) + "); north must be up: gdalwarp " + path + " north_up.tif");
+                  " " + number(g[5]) + "); north must be up: run gdalwarp " + path + " north_up.tif");
   if (width > kLargestSide || height > kLargestSide)
-    bad(path, "has " + std::to_string(width) + "x" + std::to_string(height) + " pixels, at most " +
-                  std::to_string(kLargestSide) + " a side: cut it with gdal_translate -projwin, or gdal_translate -outsize");
+    bad(path, "has " + std::to_string(width) + "x" + std::to_string(height) + " pixels, but at most " +
+                  std::to_string(kLargestSide) +
+                  " per side are allowed: cut it with gdal_translate -projwin, or shrink it with -outsize");
   return {width, height, g[0], g[3], g[1], -g[5]};
 }
 
@@ -134,7 +134,7 @@ std::vector<T> pixels(const std::string& path, const Grid& grid, double bytes) {
   const auto refuse = [&] {
     throw Error(ErrorCode::unsupported, path + ": " + std::to_string(grid.width) + "x" + std::to_string(grid.height) +
                                             " pixels take " + number(std::round(needed / (1 << 20))) +
-                                            " MiB, this machine has " + number(std::round(there / (1 << 20))) +
+                                            " MiB, but this machine has " + number(std::round(there / (1 << 20))) +
                                             "; cut it with gdal_translate -projwin, or make it coarser with -outsize");
   };
   if (needed > 0.8 * there) refuse();
@@ -158,13 +158,13 @@ void read_mosaic(const std::string& path, GDALDatasetH dataset, Terrain& terrain
   const int bands = GDALGetRasterCount(dataset);
   const GDALRasterBandH first = GDALGetRasterBand(dataset, 1);
   if (GDALGetRasterColorTable(first) != nullptr)
-    throw Error(ErrorCode::unsupported, path + " has a palette; RGB is needed: gdal_translate -expand rgb");
+    throw Error(ErrorCode::unsupported, path + " has a palette; convert it: gdal_translate -expand rgb");
   const int colours = bands >= 3 ? 3 : 1;
   for (int b = 1; b <= colours; ++b) {
     const GDALDataType type = GDALGetRasterDataType(GDALGetRasterBand(dataset, b));
     if (type != GDT_Byte)
       throw Error(ErrorCode::unsupported, path + " has pixels of type " + GDALGetDataTypeName(type) +
-                                              "; 8 bit is needed: gdal_translate -ot Byte -scale");
+                                              "; convert it to 8 bits: gdal_translate -ot Byte -scale");
   }
   terrain.mosaic = grid_of(path, dataset);
   terrain.rgba = pixels<uint32_t>(path, terrain.mosaic, 5.4);
@@ -193,12 +193,12 @@ void read_elevation(const std::string& path, GDALDatasetH dataset, Terrain& terr
   const GDALRasterBandH band = GDALGetRasterBand(dataset, 1);
   if (GDALGetRasterCount(dataset) != 1)
     throw Error(ErrorCode::unsupported, path + " has " + std::to_string(GDALGetRasterCount(dataset)) +
-                                            " bands; an elevation model has one (were mosaic and elevation exchanged?)");
+                                            " bands, but an elevation model has one; are --ortho and --elevation swapped?");
   if (GDALDataTypeIsComplex(GDALGetRasterDataType(band)))
-    throw Error(ErrorCode::unsupported, path + " has complex numbers, not heights");
+    throw Error(ErrorCode::unsupported, path + " has complex numbers instead of heights");
   const std::string unit = GDALGetRasterUnitType(band) ? GDALGetRasterUnitType(band) : "";
   if (!unit.empty() && unit != "m" && unit != "metre" && unit != "meter" && unit != "metres" && unit != "meters")
-    bad(path, "has heights in '" + unit + "'; metres are needed: gdal_calc.py --calc \"A*0.3048\" for feet");
+    bad(path, "has heights in '" + unit + "'; convert them to metres, for feet with gdal_calc.py --calc \"A*0.3048\"");
   terrain.relief = grid_of(path, dataset);
   const Grid& grid = terrain.relief;
   terrain.height = pixels<float>(path, grid, 13);
@@ -215,7 +215,7 @@ void read_elevation(const std::string& path, GDALDatasetH dataset, Terrain& terr
     for (size_t i = 0; i < count; ++i) {
       if (mask[i] != 0 && (values[i] == -9999 || values[i] == -32767 || values[i] == -32768))
         bad(path, "has heights of " + number(values[i]) +
-                      " m, which stand for no data but are not declared: gdal_edit.py "
+                      " m, which seem to mean no data but are not declared; declare them with gdal_edit.py "
                       "-a_nodata " +
                       number(values[i]) + " " + path);
       const double h = (has_scale ? scale : 1.0) * values[i] + (has_offset ? offset : 0.0);
@@ -275,8 +275,8 @@ Terrain load_terrain(const std::string& mosaic, const std::string& elevation) {
       const char* text = OSRGetName(system);
       return std::string(text ? text : "unnamed");
     };
-    bad(mosaic,
-        "is in " + name(a.get()) + ", " + elevation + " in " + name(b.get()) + "; one system is needed: gdalwarp -t_srs");
+    bad(mosaic, "is in " + name(a.get()) + ", " + elevation + " in " + name(b.get()) +
+                    "; they must be in the same system: gdalwarp -t_srs");
   }
   Terrain terrain;
   read_elevation(elevation, heights.get(), terrain, messages);

@@ -102,17 +102,17 @@ void PairOptions::check() const {
     fail("an orbit of " + text_of(orbit_min * 180 / M_PI) + " to " + text_of(orbit_max * 180 / M_PI) +
          " degrees must be 0 to 180, in ascending order");
   if (!(start_min >= 0) || !(start_max > start_min))
-    fail("starts of " + text_of(start_min) + " to " + text_of(start_max) + " px must not be negative and in ascending order");
-  if (!(nearest >= 0) || !(nearest < 1)) fail("a nearest ground of " + text_of(nearest) + " of the altitude must be 0 to 1");
+    fail("a start of " + text_of(start_min) + " to " + text_of(start_max) + " px must not be negative and in ascending order");
+  if (!(nearest >= 0) || !(nearest < 1)) fail("nearest " + text_of(nearest) + " (a share of the altitude) must be 0 to 1");
   if (region.empty() || !(region.left >= 0 && region.bottom >= 0 && region.right <= 1 && region.top <= 1))
     fail("region " + text_of(region.left) + "," + text_of(region.bottom) + "," + text_of(region.right) + "," +
          text_of(region.top) + ": x0,y0,x1,y1 are fractions of the map, 0 <= x0 < x1 <= 1 and 0 <= y0 < y1 <= 1");
 }
 
 std::string PairSource::Rejected::text() const {
-  return std::to_string(draws) + " poses drawn, " + std::to_string(outside) +
-         " again because a view left the region or met missing data, " + std::to_string(too_near) +
-         " because the ground was too near" + (start > 0 ? ", " + std::to_string(start) + " because of where they start" : "");
+  return std::to_string(draws) + " poses drawn; rejected: " + std::to_string(outside) +
+         " because a view left the region or met missing data, " + std::to_string(too_near) +
+         " because the ground was too near" + (start > 0 ? ", " + std::to_string(start) + " because of --start" : "");
 }
 
 PairSource::Eye::Eye(const Camera& c, const Lens& l)
@@ -232,10 +232,10 @@ RenderedPair PairSource::draw(uint64_t index) {
   Rejected now = rejected_;
   now.draws -= before.draws, now.outside -= before.outside, now.too_near -= before.too_near, now.start -= before.start;
   fail("no room for a pair: from " + text_of(options_.altitude_min) + " m a view covers " + text_of(std::round(wide)) + " x " +
-       text_of(std::round(high)) + " m of level ground, the region is " + text_of(std::round(region_.width())) + " x " +
+       text_of(std::round(high)) + " m of level ground, but the region is " + text_of(std::round(region_.width())) + " x " +
        text_of(std::round(region_.height())) + " m (" + now.text() +
        "); take lower altitudes, less tilt, a longer focal length, a larger region" +
-       (now.start > 0 ? " or other starts" : ""));
+       (now.start > 0 ? " or another --start" : ""));
 }
 
 }  // namespace iclk

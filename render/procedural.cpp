@@ -203,7 +203,7 @@ void ProceduralOptions::check() const {
     fail("a size of " + std::to_string(size) + " m, heights " + std::to_string(relief_step) + " m and texels " +
          std::to_string(mosaic_step) + " m apart: steps must be positive and the size at least four of them");
   if (!(size / mosaic_step <= 65536) || !(size / relief_step <= 65536))
-    fail("a size of " + std::to_string(size) + " m has more than 65536 steps; take longer ones");
+    fail("a size of " + std::to_string(size) + " m has more than 65536 steps; use longer steps");
   if (!(relief >= 0 && relief <= 5000)) fail("a relief of " + std::to_string(relief) + " m must be 0 to 5000");
 }
 

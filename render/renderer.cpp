@@ -137,9 +137,9 @@ struct TerrainRenderer::Impl {
     const Windows r = whole(relief), m = whole(mosaic);
     if (relief.size() > ICLK_RENDER_LEVELS || mosaic.size() > ICLK_RENDER_LEVELS || (m.elements | r.elements) >> 38)
       throw Error(ErrorCode::unsupported, "render: a mosaic of " + std::to_string(terrain->mosaic.width) + "x" +
-                                              std::to_string(terrain->mosaic.height) + " is more than " +
+                                              std::to_string(terrain->mosaic.height) + " has more than " +
                                               std::to_string(1 << (ICLK_RENDER_LEVELS - 1)) +
-                                              " pixels a side; cut it (gdal_translate -projwin)");
+                                              " pixels per side; cut it with gdal_translate -projwin");
     VkDeviceSize device_memory = 0;
     const VkPhysicalDeviceMemoryProperties& heaps = context->memory_properties();
     for (uint32_t i = 0; i < heaps.memoryHeapCount; ++i)
@@ -175,11 +175,11 @@ struct TerrainRenderer::Impl {
   void check(const Camera& camera, const SE3& T_WC) const {
     camera.check();
     if (camera.width > kLargestSide || camera.height > kLargestSide)
-      fail("a view of " + std::to_string(camera.width) + "x" + std::to_string(camera.height) + " pixels; at most " +
-           std::to_string(kLargestSide) + " a side");
-    if (!T_WC.t.allFinite() || !T_WC.R.allFinite()) fail("the camera's pose holds NaN or infinite numbers");
+      fail("a view of " + std::to_string(camera.width) + "x" + std::to_string(camera.height) + " pixels: at most " +
+           std::to_string(kLargestSide) + " per side are allowed");
+    if (!T_WC.t.allFinite() || !T_WC.R.allFinite()) fail("the pose of the camera has NaN or infinite numbers");
     if (!(T_WC.R * T_WC.R.transpose()).isIdentity(1e-6) || T_WC.R.determinant() < 0)
-      fail("the camera's pose is no rotation and translation");
+      fail("the pose of the camera is not a rotation and translation");
     const Eigen::Vector2d cell = terrain->relief.pixel(T_WC.t.x(), T_WC.t.y()),
                           texel = terrain->mosaic.pixel(T_WC.t.x(), T_WC.t.y());
     if (cell.cwiseAbs().maxCoeff() > 1e8 || texel.cwiseAbs().maxCoeff() > 1e8 || std::abs(T_WC.t.z()) > 1e7)
@@ -188,11 +188,11 @@ struct TerrainRenderer::Impl {
     const auto ground = terrain->height_at(T_WC.t.x(), T_WC.t.y());
     if (ground && *ground >= T_WC.t.z())
       fail("the camera at " + number(T_WC.t.x()) + ", " + number(T_WC.t.y()) + " is " + number(T_WC.t.z()) +
-           " m high, the ground there " + number(*ground) + " m: it must be above");
+           " m high, but the ground there is " + number(*ground) + " m high: it must be above the ground");
   }
 
   shaders::RenderPush push(const Camera& camera, const SE3& T_WC, const Lens& lens, const PixelRect& tile, int finest) const {
-    if (!lens.denominator().isZero()) fail("lenses of eight coefficients are not rendered");
+    if (!lens.denominator().isZero()) fail("lenses with eight coefficients cannot be rendered; use radtan with at most 5");
     shaders::RenderPush p{};
     Eigen::Matrix3d K_inverse = Eigen::Matrix3d::Identity();
     if (lens.empty()) K_inverse << 1 / camera.fx, 0, -camera.cx / camera.fx, 0, 1 / camera.fy, -camera.cy / camera.fy, 0, 0, 1;
@@ -259,10 +259,10 @@ struct TerrainRenderer::Impl {
         return;
       }
       if (r.elements > relief_room)
-        throw Error(ErrorCode::unsupported, "render: " + std::to_string(r.elements) + " heights lie under " +
-                                                std::to_string(tile.width) + "x" + std::to_string(tile.height) +
-                                                " pixels of the view, the device takes " + std::to_string(relief_room) +
-                                                "; look down more steeply, or use a coarser elevation (gdalwarp -tr)");
+        throw Error(ErrorCode::unsupported,
+                    "render: " + std::to_string(r.elements) + " heights lie under " + std::to_string(tile.width) + "x" +
+                        std::to_string(tile.height) + " pixels of the view, but the device takes at most " +
+                        std::to_string(relief_room) + "; look down more steeply, or use a coarser elevation (gdalwarp -tr)");
       while (m.elements > mosaic_room && finest + 1 < static_cast<int>(mosaic.size()))
         m = mosaic_windows(mosaic, terrain->mosaic, box, ++finest);
     }
@@ -307,7 +307,7 @@ struct TerrainRenderer::Impl {
       throw Error(ErrorCode::unsupported, "render: a terrain that does not fit into the device (" +
                                               std::to_string(terrain->mosaic.width) + "x" +
                                               std::to_string(terrain->mosaic.height) + " pixels) cannot be rendered " + how +
-                                              "; use a smaller or coarser one");
+                                              "; use a smaller or coarser terrain");
   }
 
   void make_frame(const Camera& camera) {

@@ -79,16 +79,16 @@ void Terrain::check() const {
     some = true;
     if (!(std::abs(h) <= kHighest))
       fail("an elevation of " + number(h) +
-           " m is not of this Earth: declare the value that stands for no data (gdal_edit.py "
+           " m is impossible: declare the value that means no data (gdal_edit.py "
            "-a_nodata " +
            number(h) + "), or convert to metres");
   }
-  if (!some) fail("the elevation has no height at all, only no data");
+  if (!some) fail("the elevation has no data at any pixel");
   if (std::none_of(rgba.begin(), rgba.end(), [](uint32_t p) { return p >> 24 != 0; }))
-    fail("the mosaic has no pixel at all, only no data");
+    fail("the mosaic has no data at any pixel");
   if (extent().empty())
     fail("mosaic (" + mosaic.box().text() + ") and elevation (" + relief.box().text() +
-         ") do not overlap: are both in the same coordinate system, in metres (gdalwarp -t_srs)?");
+         ") do not overlap: bring both into the same coordinate system, in metres (gdalwarp -t_srs)");
 }
 
 }  // namespace iclk

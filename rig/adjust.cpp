@@ -162,9 +162,10 @@ void check(const Camera& left, const Camera& right, std::span<const RigSighting>
   left.check();
   right.check();
   if (!T_rl.R.allFinite() || !T_rl.t.allFinite())
-    throw Error(ErrorCode::invalid_argument, "rig: T_rl to begin with is not finite");
+    throw Error(ErrorCode::invalid_argument, "rig: the initial T_rl is not finite");
   for (const RigSighting& s : sightings)
-    if (s.pair < 0) throw Error(ErrorCode::invalid_argument, "rig: sighting of pair " + std::to_string(s.pair));
+    if (s.pair < 0)
+      throw Error(ErrorCode::invalid_argument, "rig: sighting of pair " + std::to_string(s.pair) + "; pairs count from 0");
 }
 
 }  // namespace

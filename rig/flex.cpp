@@ -24,7 +24,8 @@ void check(std::span<const FlexMeasurement> measurements) {
   };
   for (size_t i = 0; i < measurements.size(); ++i) {
     const FlexMeasurement& m = measurements[i];
-    if (!std::isfinite(m.time) || (i > 0 && !(m.time > measurements[i - 1].time))) fail(i, "a time that is not later");
+    if (!std::isfinite(m.time) || (i > 0 && !(m.time > measurements[i - 1].time)))
+      fail(i, "a time that is not later than the one before");
     if (!m.valid) continue;
     if (!m.T_rl.R.allFinite() || !m.T_rl.t.allFinite()) fail(i, "a pose that is not finite");
     if (!m.covariance.allFinite() || m.covariance.llt().info() != Eigen::Success)

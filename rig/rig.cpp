@@ -67,7 +67,7 @@ bool vote_of(const RefinedAlignment& r, const Matrix6d& floor, internal::PoseVot
 }
 
 std::unique_ptr<Aligner> aligner_for(const Session& session, const Camera& camera, std::span<const RigPair> pairs) {
-  if (pairs.empty()) throw Error(ErrorCode::invalid_argument, "rig: no pairs");
+  if (pairs.empty()) throw Error(ErrorCode::invalid_argument, "rig: no pairs given");
   int features = 1;
   bool masks = false;
   for (const RigPair& pair : pairs) {
@@ -114,7 +114,7 @@ class Estimation {
     const auto agree = std::count_if(result_.pairs.begin(), result_.pairs.end(), [](const auto& p) { return p.used; });
     if (static_cast<double>(agree) >= kLeastAgree * static_cast<double>(pairs_.size())) return true;
     result_.reason = std::to_string(agree) + " of " + std::to_string(pairs_.size()) +
-                     " pairs agree on one pose, too few: are left and right images in the same order?";
+                     " pairs agree on one pose, which is too few: check that left and right images have the same order";
     return false;
   }
 
@@ -185,10 +185,10 @@ class Estimation {
     const double found = joint.T_rl.t.norm();
     if (!joint.usable || 2 * joint.inliers < joint.used) {
       why << joint.inliers << " of " << joint.used << " features of " << result_.pairs_used << " pairs agree on one pose";
-      if (2 * joint.inliers >= joint.used) why << ", which they do not determine";
+      if (2 * joint.inliers >= joint.used) why << ", but they do not determine it";
     } else if (options_.metric && !(found > baseline_ / kMostStretch && found < kMostStretch * baseline_)) {
-      why << "the images say a baseline of " << found << " m, the calibration " << baseline_
-          << " m: are left and right of two cameras, and depths and calibration in metres?";
+      why << "the images give a baseline of " << found << " m, the calibration " << baseline_
+          << " m: check that left and right are two cameras, and that depths and calibration are in metres";
     }
     result_.reason = why.str();
     return result_.reason.empty();
@@ -210,7 +210,7 @@ class Estimation {
     std::ostringstream words;
     words << result_.inliers << " of " << result_.sightings << " features of " << result_.pairs_used << " of " << pairs_.size()
           << " pairs agree within " << options_.adjust.inlier_distance << " px";
-    if (result_.scale_from_prior) words << "; scale from prior";
+    if (result_.scale_from_prior) words << "; scale from the old calibration";
     result_.reason = words.str();
   }
 
@@ -297,7 +297,7 @@ RigResult estimate_rig(Aligner& aligner, const Camera& camera, std::span<const R
                        const RigOptions& options) {
   options.check();
   camera.check();
-  if (pairs.empty()) throw Error(ErrorCode::invalid_argument, "rig: no pairs");
+  if (pairs.empty()) throw Error(ErrorCode::invalid_argument, "rig: no pairs given");
   const double baseline = T_rl.t.norm();
   if (!T_rl.R.allFinite() || !(baseline > 0) || !std::isfinite(baseline))
     throw Error(ErrorCode::invalid_argument, "rig: T_rl of the old calibration is not finite or has no baseline");

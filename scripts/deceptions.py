@@ -1,6 +1,6 @@
-"""Kinds of pairs that deceive, for scripts/deceive.
+"""Kinds of deceptive pairs, for scripts/deceive.
 
-Each takes a pair, its random numbers, whether to be hard, and another picture.
+Each takes a pair, a random generator, whether to be hard, and another picture.
 """
 
 from dataclasses import dataclass, field, replace

@@ -46,8 +46,8 @@ DepthSigma parse_depth_sigma(const std::string& text) {
   if (!sigma.said())
     throw Error(ErrorCode::invalid_argument,
                 "--depth-sigma '" + printable(text) +
-                    "' is not one of: auto, 1.5% (of the depth), stereo:PX,BASELINE (sigma of the disparity, metres), "
-                    "structured-light, rendered");
+                    "' must be auto, 1.5% (of the depth), stereo:PX,BASELINE (sigma of the disparity in px, baseline in m), "
+                    "structured-light or rendered");
   return sigma;
 }
 

@@ -288,18 +288,19 @@ Detector parse_detector(const std::string& name) {
   if (name == "shi-tomasi") return Detector::shi_tomasi;
   if (name == "grid") return Detector::grid;
   if (name == "random") return Detector::random;
-  throw Error(ErrorCode::invalid_argument, "detector '" + printable(name) + "' is not known: shi-tomasi, grid or random");
+  throw Error(ErrorCode::invalid_argument,
+              "detector '" + printable(name) + "' is not known; it must be shi-tomasi, grid or random");
 }
 
 Features detect_features(const ImageView& image, const ImageView& depth, const ImageView& seen, const DetectorOptions& wanted) {
   wanted.check();
   const auto same = [&](const ImageView& other) { return other.width == image.width && other.height == image.height; };
   if (image.empty() || depth.format != PixelFormat::r32f || !same(depth))
-    throw Error(ErrorCode::invalid_argument,
-                "depth of " + size_of(depth) + " for an image of " + size_of(image) + ": r32f of one size is wanted");
+    throw Error(ErrorCode::invalid_argument, "depth of " + size_of(depth) + " for an image of " + size_of(image) +
+                                                 ": depth must be r32f, of the size of the image");
   if (!seen.empty() && (seen.format != PixelFormat::r8 || !same(seen)))
-    throw Error(ErrorCode::invalid_argument,
-                "a mask of " + size_of(seen) + " for an image of " + size_of(image) + ": r8 of one size is wanted");
+    throw Error(ErrorCode::invalid_argument, "a mask of " + size_of(seen) + " for an image of " + size_of(image) +
+                                                 ": the mask must be r8, of the size of the image");
   DetectorOptions options = wanted;
   options.border = std::min(options.border, std::min(image.width, image.height) / 4);
   const Grid<Place> places = find_places(depth, seen, options.border);

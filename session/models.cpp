@@ -51,11 +51,10 @@ std::string find_model(const std::string& name, const std::vector<std::string>& 
       if (const fs::path path = fs::path(folder) / file; fs::is_regular_file(path, error)) return path.string();
   std::string known;
   for (const std::string& model : models_in(folders)) known += (known.empty() ? "" : ", ") + printable(model);
-  throw Error(ErrorCode::io,
-              "there is no model '" + printable(name) + "': neither a file of this folder nor one of " +
-                  (known.empty() ? "the installed models, of which there are none (ICLK_MODELS names their folder)"
-                                 : "the models " + known) +
-                  "; name one of them, give a path, or take the model \"classical\", which needs no file");
+  throw Error(ErrorCode::io, "there is no model '" + printable(name) + "': neither a file in this folder nor one of " +
+                                 (known.empty() ? "the installed models (none was found; ICLK_MODELS names their folder)"
+                                                : "the models " + known) +
+                                 "; name one of them, give a path, or use \"classical\", which needs no file");
 }
 
 }  // namespace iclk

@@ -18,7 +18,8 @@ T parse_name(const std::string& name, const char* what, std::initializer_list<st
     if (name == text) return value;
     all += (all.empty() ? "" : ", ") + std::string(text);
   }
-  throw Error(ErrorCode::invalid_argument, std::string(what) + " '" + printable(name) + "' is not known: one of " + all);
+  throw Error(ErrorCode::invalid_argument,
+              std::string(what) + " '" + printable(name) + "' is not known; it must be one of " + all);
 }
 
 ModelStage make_stage(const SessionOptions& options, const std::string& name) {

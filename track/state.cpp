@@ -93,17 +93,17 @@ void Tracker::restore(std::span<const uint8_t> state) {
   uint64_t magic = 0, sum = 0;
   int width = 0, height = 0, capacity = 0;
   internal::archive_all(reader, magic, sum);
-  require(magic == kMagic, "this is no state of a tracker, or of another version");
-  require(sum == checksum(state.subspan(2 * sizeof(uint64_t))), "a tracker's state is broken");
+  require(magic == kMagic, "not a saved tracker state, or one of another version");
+  require(sum == checksum(state.subspan(2 * sizeof(uint64_t))), "the saved tracker state is damaged");
   internal::archive_all(reader, width, height, capacity);
   Impl& m = *impl_;
   require(width == m.camera.width && height == m.camera.height && capacity == m.options.keyframes,
-          "a tracker's state is of another camera or number of keyframes");
+          "the saved tracker state is for another camera or number of keyframes");
   auto fresh = std::make_unique<Impl>(m.aligner, m.camera, m.options);
   std::map<int, internal::Keyframe> held;
   std::vector<SE3> poses;
   archive_tracker(reader, *fresh, held, poses);
-  require(reader.left() == 0, "a tracker's state is longer than it should be");
+  require(reader.left() == 0, "the saved tracker state is too long");
   fresh->keyframes.restore(std::move(held), std::move(poses));
   try {
     for (const auto& [id, k] : fresh->keyframes.all()) fresh->keyframes.prepare(k);

@@ -16,11 +16,11 @@ namespace {
 void check_view(const ImageView& image, const Camera& camera, PixelFormat format, const char* what) {
   const auto refuse = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, what + why); };
   if (image.width != camera.width || image.height != camera.height)
-    refuse(" of " + std::to_string(image.width) + "x" + std::to_string(image.height) + ", the camera has " +
+    refuse(" of " + std::to_string(image.width) + "x" + std::to_string(image.height) + ", but the camera has " +
            std::to_string(camera.width) + "x" + std::to_string(camera.height));
   if (image.stride() < static_cast<size_t>(image.width) * bytes_per_pixel(image.format))
     refuse(" with a row stride of " + std::to_string(image.row_stride) + " bytes, shorter than a row");
-  if (image.format != format) refuse(format == PixelFormat::r8 ? " has to be r8" : " has to be r32f");
+  if (image.format != format) refuse(format == PixelFormat::r8 ? " must be r8" : " must be r32f");
 }
 
 void check_frame(const TrackFrame& frame, const Camera& camera, const TrackerOptions& options) {
@@ -73,7 +73,8 @@ void TrackerOptions::check() const {
   check_range("depth sigma (disparity)", depth_sigma.disparity, 0, 1e9);
   check_range("depth sigma (relative)", depth_sigma.relative, 0, 10);
   if (!depth_sigma.said())
-    throw Error(ErrorCode::invalid_argument, "depth sigma is 0: give one; of exact depths a relative one of 1e-6");
+    throw Error(ErrorCode::invalid_argument,
+                "depth sigma is 0: it must be positive; for exact depths use a relative sigma of 1e-6");
   check_range("seeds of a keyframe", seeds, 0, 8192);
   check_range("keyframes", keyframes, 2, 4096);
   check_range("window", window, 1, 64);
@@ -136,7 +137,8 @@ TrackResult Tracker::Impl::track(const TrackFrame& given) {
 void Tracker::Impl::check(const TrackFrame& given) const {
   check_frame(given, camera, options);
   if (!std::isfinite(given.time))
-    throw Error(ErrorCode::invalid_argument, "a frame's time is " + std::to_string(given.time) + ", seconds are wanted");
+    throw Error(ErrorCode::invalid_argument,
+                "a frame's time is " + std::to_string(given.time) + "; it must be finite, in seconds");
   if (last_time && given.time <= *last_time)
     throw Error(ErrorCode::invalid_argument, "frame at " + std::to_string(given.time) + " s does not come after the one at " +
                                                  std::to_string(*last_time) + " s");
@@ -148,7 +150,8 @@ TrackResult Tracker::Impl::begin(Frame& frame, TrackResult result) {
     result.reason = "no frame with depth and texture yet";
     return result;
   }
-  result.reason = map == 0 ? "the first keyframe" : "a new map: the last one lost the camera for longer than it had it";
+  result.reason =
+      map == 0 ? "the first keyframe" : "a new map: the camera was lost for longer than the last map had tracked it";
   result.confirmed = true;
   frames_tracked = 0;
   keep(frame.seen(), Eigen::Vector3d::Zero(), {}, result.T_WC);
@@ -184,8 +187,7 @@ bool Tracker::Impl::make_previous_keyframe(TrackResult& result) {
 
 TrackResult Tracker::Impl::lose(Frame& frame, TrackResult result) {
   result.T_WC = motion.last->T_WC;
-  result.reason =
-      "not found from where it was expected, nor by a search among " + std::to_string(keyframes.size()) + " keyframes";
+  result.reason = "not found at the predicted pose, nor by a search among " + std::to_string(keyframes.size()) + " keyframes";
   motion.lose();
   unroller.lose();
   if (++frames_lost <= frames_tracked || measure(frame).size() < least_features()) return result;
@@ -282,7 +284,7 @@ Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& o
   const Plan needed = plan(camera, options), &has = aligner.plan();
   if (has.width != needed.width || has.height != needed.height || has.max_references < needed.max_references ||
       has.max_features < needed.max_features || has.max_pairs < needed.max_pairs || has.target_masks < needed.target_masks)
-    throw Error(ErrorCode::invalid_argument, "the aligner was not made for Tracker::plan()");
+    throw Error(ErrorCode::invalid_argument, "the aligner was not made with Tracker::plan()");
   impl_ = std::make_unique<Impl>(aligner, camera, options);
 }
 

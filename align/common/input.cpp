@@ -19,13 +19,14 @@ std::string size(int width, int height) { return std::to_string(width) + "x" + s
 
 void check_slot(int slot, const Plan& plan) {
   if (slot < 0 || slot >= plan.max_references)
-    refuse("reference slot " + std::to_string(slot) + " is outside the plan's 0 to " + std::to_string(plan.max_references - 1));
+    refuse("reference slot " + std::to_string(slot) + " is outside the range of the plan, 0 to " +
+           std::to_string(plan.max_references - 1));
 }
 
 void check_image(const ImageView& image, const char* what, const Plan& plan) {
   if (image.empty()) refuse(std::string(what) + " is empty (" + size(image.width, image.height) + ")");
   if (image.width != plan.width || image.height != plan.height)
-    refuse(std::string(what) + " is " + size(image.width, image.height) + ", the plan was made for " +
+    refuse(std::string(what) + " is " + size(image.width, image.height) + ", but the plan was made for " +
            size(plan.width, plan.height));
   if (image.row_stride && image.row_stride < static_cast<size_t>(image.width) * bytes_per_pixel(image.format))
     refuse(std::string(what) + " has a row stride of " + std::to_string(image.row_stride) + " bytes, shorter than a row");
@@ -43,10 +44,11 @@ void check_reference(const Reference& reference, const Plan& plan) {
 void check_reference_data(const Reference& reference, const Plan& plan) {
   reference.camera.check();
   if (reference.camera.width != plan.width || reference.camera.height != plan.height)
-    refuse("camera is for " + size(reference.camera.width, reference.camera.height) + " images, the reference image is " +
+    refuse("camera is for " + size(reference.camera.width, reference.camera.height) + " images, but the reference image is " +
            size(plan.width, plan.height) + "; scale the camera with Camera::resized");
   if (reference.features.size() > plan.max_features)
-    refuse(std::to_string(reference.features.size()) + " features, the plan holds " + std::to_string(plan.max_features));
+    refuse(std::to_string(reference.features.size()) + " features, but the plan has room for " +
+           std::to_string(plan.max_features));
 }
 
 void check_pair(const Pair& pair, size_t index, const Plan& plan) {
@@ -63,13 +65,14 @@ void check_pair(const Pair& pair, size_t index, const Plan& plan) {
 
 void check_pose(const Pair& pair, const std::string& which) {
   if (!pair.T_10.matrix().allFinite()) refuse(which + "initial pose is not finite");
-  if (std::abs(pair.T_10.R.determinant() - 1) > 1e-3) refuse(which + "initial pose's rotation is none (determinant is not 1)");
+  if (std::abs(pair.T_10.R.determinant() - 1) > 1e-3)
+    refuse(which + "rotation of the initial pose is not a rotation (its determinant is not 1)");
   if (pair.prior) {
     if (!pair.prior->T_10.matrix().allFinite() || !pair.prior->information.allFinite())
       refuse(which + "pose prior is not finite");
     const Matrix6d asymmetry = pair.prior->information - pair.prior->information.transpose();
     if (asymmetry.norm() > 1e-6 * pair.prior->information.norm() || pair.prior->information.diagonal().minCoeff() < 0)
-      refuse(which + "information of the pose prior is not symmetric positive semidefinite");
+      refuse(which + "information of the pose prior is not symmetric and positive semidefinite");
   }
 }
 

@@ -85,8 +85,8 @@ std::vector<Alignment> CpuAligner::align(std::span<const Pair> pairs) {
   for (size_t i = 0; i < pairs.size(); ++i) {
     internal::check_pair(pairs[i], i, plan_);
     if (!keyframes_[static_cast<size_t>(pairs[i].reference)])
-      throw Error(ErrorCode::invalid_argument,
-                  "pair " + std::to_string(i) + ": reference slot " + std::to_string(pairs[i].reference) + " was never set");
+      throw Error(ErrorCode::invalid_argument, "pair " + std::to_string(i) + ": reference slot " +
+                                                   std::to_string(pairs[i].reference) + " was never set; call set_reference");
   }
   targets_.assign(pairs.size(), {});
   std::vector<Alignment> out;

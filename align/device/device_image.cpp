@@ -36,10 +36,10 @@ void check_view(const DeviceImageView& view, const Plan& plan, const std::string
   const auto refuse = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, what + ": " + why); };
   if (view.view == VK_NULL_HANDLE) refuse("the VkImageView is null");
   if (view.layout == VK_IMAGE_LAYOUT_UNDEFINED || view.layout == VK_IMAGE_LAYOUT_PREINITIALIZED)
-    refuse("the VkImageView's image is in an undefined layout, which has no content");
+    refuse("the image of the VkImageView is in VK_IMAGE_LAYOUT_UNDEFINED, so it has no content; state its layout");
   if (view.width != static_cast<uint32_t>(plan.width) || view.height != static_cast<uint32_t>(plan.height))
-    refuse("the VkImageView is " + std::to_string(view.width) + "x" + std::to_string(view.height) + ", the plan was made for " +
-           std::to_string(plan.width) + "x" + std::to_string(plan.height));
+    refuse("the VkImageView is " + std::to_string(view.width) + "x" + std::to_string(view.height) +
+           ", but the plan was made for " + std::to_string(plan.width) + "x" + std::to_string(plan.height));
 }
 
 void check_image(const DeviceImage& image, const Plan& plan, const std::string& what) {
@@ -47,10 +47,11 @@ void check_image(const DeviceImage& image, const Plan& plan, const std::string& 
   const std::string size = std::to_string(plan.width) + "x" + std::to_string(plan.height);
   if (const auto* foreign = std::get_if<engine::ForeignImage>(&image)) {
     if (foreign->handle == VK_NULL_HANDLE) refuse("the VkImage is null");
-    if (foreign->layout == VK_IMAGE_LAYOUT_UNDEFINED) refuse("the VkImage is in an undefined layout, which has no content");
+    if (foreign->layout == VK_IMAGE_LAYOUT_UNDEFINED)
+      refuse("the VkImage is in VK_IMAGE_LAYOUT_UNDEFINED, so it has no content; state its layout");
     if (foreign->width != static_cast<uint32_t>(plan.width) || foreign->height != static_cast<uint32_t>(plan.height))
       refuse("the VkImage is " + std::to_string(foreign->width) + "x" + std::to_string(foreign->height) +
-             ", the plan was made for " + size);
+             ", but the plan was made for " + size);
     if (!same_pixels(foreign->format, plan.format))
       refuse("VkFormat " + std::to_string(foreign->format) + " is not the plan's pixel format");
   } else if (const auto* view = std::get_if<DeviceImageView>(&image)) {
@@ -60,12 +61,12 @@ void check_image(const DeviceImage& image, const Plan& plan, const std::string& 
     const uint32_t row = buffer.row_pixels ? buffer.row_pixels : static_cast<uint32_t>(plan.width);
     if (buffer.buffer == VK_NULL_HANDLE) refuse("the VkBuffer is null");
     if (row < static_cast<uint32_t>(plan.width))
-      refuse("rows of " + std::to_string(row) + " pixels are shorter than the image's");
+      refuse("rows of " + std::to_string(row) + " pixels are shorter than those of the image");
     const uint64_t need =
         buffer.offset + bytes_per_pixel(plan.format) * (static_cast<uint64_t>(row) * static_cast<uint64_t>(plan.height - 1) +
                                                         static_cast<uint64_t>(plan.width));
     if (buffer.offset % 4 || buffer.offset > buffer.size || need > buffer.size)  // a huge offset overflows in `need`
-      refuse("the VkBuffer has " + std::to_string(buffer.size) + " bytes, the image at offset " +
+      refuse("the VkBuffer has " + std::to_string(buffer.size) + " bytes, but the image at offset " +
              std::to_string(buffer.offset) + " (a multiple of 4) needs " + std::to_string(need));
   }
 }

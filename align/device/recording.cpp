@@ -42,7 +42,7 @@ class DeviceRecording : public DeviceAligner::Recording {
   }
 
   std::vector<Features> read_features() const override {
-    if (!run_ids.features) throw Error(ErrorCode::invalid_argument, "features are kept of a plan with choose_features");
+    if (!run_ids.features) throw Error(ErrorCode::invalid_argument, "keeping features needs a plan with choose_features");
     std::vector<Features> out;
     for (size_t i = 0; i < taken.size(); ++i) {
       const auto count = taken[i].chosen ? taken[i].chosen : static_cast<uint32_t>(taken[i].checks.size());
@@ -65,8 +65,9 @@ void check_depth(const DeviceReference& reference, const Plan& plan, const std::
   if (!plan.choose_features)
     throw Error(ErrorCode::invalid_argument, what + ": a depth image needs a plan with choose_features");
   if (reference.features.size() > 0)
-    throw Error(ErrorCode::invalid_argument, what + ": " + std::to_string(reference.features.size()) +
-                                                 " features beside a depth image, in which the device chooses them");
+    throw Error(ErrorCode::invalid_argument,
+                what + ": " + std::to_string(reference.features.size()) +
+                    " features and a depth image: give one of them; with a depth image the device chooses the features");
   internal::check_view(reference.depth->view, plan, what + ", depth");
 }
 
@@ -76,7 +77,7 @@ std::unique_ptr<DeviceAligner::Recording> DeviceAligner::make_recording(int max_
   Impl& m = *impl_;
   if (max_pairs < 1 || max_pairs > m.batch)
     throw Error(ErrorCode::invalid_argument,
-                "a recording for " + std::to_string(max_pairs) + " pairs, the plan holds 1 to " + std::to_string(m.batch));
+                "a recording for " + std::to_string(max_pairs) + " pairs: the plan allows 1 to " + std::to_string(m.batch));
   if (!m.images) m.images = {m.context, m.plan, m.layout};
   engine::ArenaSize arena = m.arena_size();
   const auto references = static_cast<uint32_t>(m.plan.max_references);
@@ -93,12 +94,12 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
   Impl& m = *impl_;
   auto* recording = dynamic_cast<DeviceRecording*>(&base);
   if (!recording) throw Error(ErrorCode::invalid_argument, "the recording was not made by DeviceAligner::make_recording");
-  if (m.plan.dense) throw Error(ErrorCode::unsupported, "record() serves sparse plans only");
+  if (m.plan.dense) throw Error(ErrorCode::unsupported, "record() needs a sparse plan");
   if (m.solver != Solver::device)
     throw Error(ErrorCode::invalid_argument, "record() needs an aligner made with Solver::device");
   if (pairs.empty() || pairs.size() > static_cast<size_t>(recording->max_pairs))
     throw Error(ErrorCode::invalid_argument,
-                std::to_string(pairs.size()) + " pairs, the recording holds 1 to " + std::to_string(recording->max_pairs));
+                std::to_string(pairs.size()) + " pairs: the recording allows 1 to " + std::to_string(recording->max_pairs));
 
   // Everything is checked before the first command is written.
   std::vector<bool> will_be_set(m.slots.size());
@@ -117,7 +118,7 @@ void DeviceAligner::record(Recording& base, VkCommandBuffer commands, std::span<
     internal::check_slot(pairs[i].reference, m.plan);
     if (!will_be_set[static_cast<size_t>(pairs[i].reference)])
       throw Error(ErrorCode::invalid_argument,
-                  what + ": reference slot " + std::to_string(pairs[i].reference) + " was never set");
+                  what + ": reference slot " + std::to_string(pairs[i].reference) + " was never set; call set_reference");
     internal::check_image(pairs[i].target, m.plan, what + ", target");
     if (pairs[i].target_mask) {
       internal::check_view(*pairs[i].target_mask, m.plan, what + ", target_mask");

@@ -52,8 +52,7 @@ class Parser {
     Json out;
     const char c = peek();
     if (c == '{' || c == '[') {
-      if (depth_left_-- == 0)
-        fail("a value that is less deeply nested: at most " + std::to_string(max_depth_) + " levels are read");
+      if (depth_left_-- == 0) fail("a value that is nested at most " + std::to_string(max_depth_) + " levels deep");
       c == '{' ? object(out) : array(out);
       ++depth_left_;
     } else if (c == '"') {
@@ -90,7 +89,7 @@ class Parser {
     std::sort(sorted.begin(), sorted.end());
     const auto twice = std::adjacent_find(sorted.begin(), sorted.end());
     if (twice != sorted.end())
-      throw Error(ErrorCode::invalid_argument, "the key " + in_quotes(*twice) + " stands twice in one object");
+      throw Error(ErrorCode::invalid_argument, "the key " + in_quotes(*twice) + " appears twice in one object");
   }
 
   void array(Json& out) {

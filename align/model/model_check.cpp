@@ -20,13 +20,13 @@ void need_range(const std::string& what, double value, double least, double most
 /// Returns the output channels of the layer.
 int check_layer(const std::string& name, const ConvLayer& layer, int in) {
   if (layer.in != in)
-    refuse(name + " takes " + std::to_string(layer.in) + " channels, what goes into it has " + std::to_string(in));
+    refuse(name + " takes " + std::to_string(layer.in) + " channels, but its input has " + std::to_string(in));
   need_range("channels of " + name, layer.out, 1, kMaxChannels);
   need_range("dilation of " + name, layer.dilation, 1, kMaxDilation);
   const size_t weights = size_t{9} * static_cast<size_t>(layer.in) * static_cast<size_t>(layer.out);
   if (layer.weight.size() != weights || layer.bias.size() != static_cast<size_t>(layer.out))
     refuse(name + " has " + std::to_string(layer.weight.size()) + " weights and " + std::to_string(layer.bias.size()) +
-           " biases, " + std::to_string(layer.in) + " to " + std::to_string(layer.out) + " channels need " +
+           " biases, but " + std::to_string(layer.in) + " to " + std::to_string(layer.out) + " channels need " +
            std::to_string(weights) + " and " + std::to_string(layer.out));
   const auto finite = [](float x) { return std::isfinite(x); };
   if (!std::all_of(layer.weight.begin(), layer.weight.end(), finite) ||
@@ -65,16 +65,16 @@ void check_model(const Model& model) {
     if (channels != 1) refuse("the last layer of the M-estimator gives " + std::to_string(channels) + " channels, must give 1");
   }
   if (model.parameters() > kMaxModelParameters)
-    refuse("the model has " + std::to_string(model.parameters()) + " parameters, at most " +
-           std::to_string(kMaxModelParameters) + " are possible");
+    refuse("the model has " + std::to_string(model.parameters()) + " parameters, but at most " +
+           std::to_string(kMaxModelParameters) + " are allowed");
 }
 
 void check_model_use(const Model& model, const AlignerOptions& options) {
   if (options.levels > model.levels())
-    refuse("levels is " + std::to_string(options.levels) + ", the model" + (model.name.empty() ? "" : " " + model.name) +
+    refuse("levels is " + std::to_string(options.levels) + ", but the model" + (model.name.empty() ? "" : " " + model.name) +
            " has " + std::to_string(model.levels()) + "; use that many or fewer");
   if (options.robust != Robust::unit && !model.m_estimator.empty())
-    refuse("robust weights cannot be combined with the model's M-estimator, which gives the weights; use unit");
+    refuse("robust weights cannot be used with this model, whose M-estimator computes the weights; use robust=unit");
 }
 
 }  // namespace iclk::internal

@@ -32,14 +32,14 @@ const Json& member(const Json& entry, const char* key, const std::string& tensor
 
 Entry parse_entry(const std::string& name, const Json& value, size_t data_size) {
   const std::string shown = in_quotes(name);
-  if (value.kind != Json::Kind::object) refuse("tensor " + shown + " is described by no JSON object");
+  if (value.kind != Json::Kind::object) refuse("tensor " + shown + " is not described by a JSON object");
   if (value.keys.size() != 3) refuse("tensor " + shown + " must have dtype, shape and data_offsets, and nothing else");
   Entry entry;
   entry.tensor.name = name;
   const Json& dtype = member(value, "dtype", shown);
   if (dtype.kind != Json::Kind::string || dtype.string != "F32")
     refuse("tensor " + shown + " has dtype " + in_quotes(dtype.string) +
-           "; only F32 is read, export the model in single precision");
+           "; it must be F32: export the model in single precision");
 
   const Json& shape = member(value, "shape", shown);
   if (shape.kind != Json::Kind::array || shape.items.size() > kMaxRank)
@@ -48,7 +48,7 @@ Entry parse_entry(const std::string& name, const Json& value, size_t data_size) 
   for (const Json& item : shape.items) {
     const size_t n = item.integer("a size of tensor " + shown, data_size);
     if (n > 0 && bytes > std::numeric_limits<size_t>::max() / n)
-      refuse("the shape of tensor " + shown + " has more elements than can be counted");
+      refuse("the shape of tensor " + shown + " has too many elements");
     bytes *= n;
     entry.tensor.shape.push_back(n);
   }
@@ -60,15 +60,15 @@ Entry parse_entry(const std::string& name, const Json& value, size_t data_size) 
   entry.end = offsets.items[1].integer("end of tensor " + shown, data_size);
   if (entry.end < entry.begin || entry.end - entry.begin != bytes)
     refuse("tensor " + shown + " of shape " + entry.tensor.shape_text() + " needs " + std::to_string(bytes) +
-           " bytes, its offsets are " + std::to_string(entry.begin) + " to " + std::to_string(entry.end));
+           " bytes, but its offsets are " + std::to_string(entry.begin) + " to " + std::to_string(entry.end));
   return entry;
 }
 
 void parse_metadata(const Json& value, Safetensors& out) {
-  if (value.kind != Json::Kind::object) refuse("__metadata__ is no JSON object");
+  if (value.kind != Json::Kind::object) refuse("__metadata__ is not a JSON object");
   for (size_t i = 0; i < value.keys.size(); ++i) {
     if (value.items[i].kind != Json::Kind::string)
-      refuse("metadata " + in_quotes(value.keys[i]) + " is no text; in safetensors all metadata are");
+      refuse("metadata " + in_quotes(value.keys[i]) + " must be a string, as all metadata in safetensors");
     out.metadata.emplace_back(value.keys[i], value.items[i].string);
   }
 }
@@ -99,15 +99,16 @@ Safetensors parse_safetensors(std::span<const uint8_t> file) {
   if (file.size() < kPrefix) refuse("has " + std::to_string(file.size()) + " bytes, too few for a safetensors file");
   std::memcpy(&header_size, file.data(), kPrefix);
   if (header_size > file.size() - kPrefix)
-    refuse("says that its header has " + std::to_string(header_size) + " bytes, but there are " +
-           std::to_string(file.size() - kPrefix) + ": no safetensors file, or cut off");
+    refuse("has a header of " + std::to_string(header_size) + " bytes by its length field, but only " +
+           std::to_string(file.size() - kPrefix) + " bytes follow: not a safetensors file, or truncated");
   if (header_size > kMaxHeader)
-    refuse("has a header of " + std::to_string(header_size) + " bytes, at most " + std::to_string(kMaxHeader) + " are read");
+    refuse("has a header of " + std::to_string(header_size) + " bytes, but at most " + std::to_string(kMaxHeader) +
+           " are allowed");
   const std::string_view text(reinterpret_cast<const char*>(file.data()) + kPrefix, header_size);
   const std::span<const uint8_t> data = file.subspan(kPrefix + header_size);
 
   const Json header = parse_json(text, 4);
-  if (header.kind != Json::Kind::object) refuse("has a header that is no JSON object");
+  if (header.kind != Json::Kind::object) refuse("has a header that is not a JSON object");
   Safetensors out;
   std::vector<Entry> entries;
   for (size_t i = 0; i < header.keys.size(); ++i) {
@@ -128,7 +129,7 @@ Safetensors parse_safetensors(std::span<const uint8_t> file) {
     expected = entry.end;
   }
   if (expected != data.size())
-    refuse("has " + std::to_string(data.size()) + " bytes of data, its tensors describe " + std::to_string(expected));
+    refuse("has " + std::to_string(data.size()) + " bytes of data, but its tensors describe " + std::to_string(expected));
   for (Entry& entry : entries) {
     entry.tensor.data.resize((entry.end - entry.begin) / sizeof(float));
     if (!entry.tensor.data.empty()) std::memcpy(entry.tensor.data.data(), data.data() + entry.begin, entry.end - entry.begin);

@@ -68,7 +68,7 @@ int pairs_per_batch(const Plan& plan, const Layout& layout, const VkPhysicalDevi
   const uint64_t texels = limits.maxTexelBufferElements;
   const auto refuse = [&](const std::string& what, uint64_t bytes, uint64_t limit) {
     throw Error(ErrorCode::unsupported, what + " of a " + std::to_string(plan.width) + "x" + std::to_string(plan.height) +
-                                            " image needs " + std::to_string(bytes) + " bytes, this device allows " +
+                                            " image needs " + std::to_string(bytes) + " bytes, but this device allows " +
                                             std::to_string(limit) + "; use a smaller image or the CPU solver");
   };
   const uint64_t map = 4ull * layout.map_stride, pixels = 4ull * layout.pixel_words, weights = 4ull * layout.weight_stride;

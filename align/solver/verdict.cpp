@@ -68,10 +68,10 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
 
   if (!out.T_10.matrix().allFinite() || !out.H.allFinite() || !std::isfinite(out.cost)) {
     out.H.setZero();
-    return end(Status::diverged, "the iterations left the finite numbers");
+    return end(Status::diverged, "the iterations produced numbers that are not finite");
   }
   if (sums.visible == 0 || out.visible_fraction < options.min_visible)
-    return end(Status::low_overlap, format("%.0f %% of the reference's pixels fall into the target, %.0f %% needed",
+    return end(Status::low_overlap, format("%.0f %% of the pixels of the reference fall into the target, %.0f %% needed",
                                            100 * out.visible_fraction, 100 * options.min_visible));
 
   const double freedom = std::max(sums.visible - (options.photometric ? 8 : 6), 1.0);
@@ -79,33 +79,31 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
   const Evidence evidence = evidence_of(ending, out.H, variance);
   const Vector6d diagonal = evidence.H.diagonal();
   if (!sums.textured(ending.point))
-    return end(Status::degenerate, "an image is constant where the features are: no texture that would determine the pose");
+    return end(Status::degenerate, "an image is constant at the features: it has no texture that determines the pose");
   if (ending.singular || !(diagonal.minCoeff() > 0))
-    return end(Status::degenerate, "the images have no texture that would determine the pose (H is singular)");
+    return end(Status::degenerate, "the images have no texture that determines the pose (H is singular)");
   const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();
   const auto scale = unit.asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(scale * evidence.H * scale, Eigen::EigenvaluesOnly);
   const double least = eigen.eigenvalues()(0);
   if (!(least > ICLK_LEAST_EIGENVALUE))
-    return end(Status::degenerate, format("H is ill-conditioned: least eigenvalue %.1e of its scaled form, %.0e needed", least,
+    return end(Status::degenerate, format("H is ill-conditioned: smallest eigenvalue %.1e after scaling, %.0e needed", least,
                                           ICLK_LEAST_EIGENVALUE));
   if (out.correlation < options.min_correlation)
-    return end(Status::diverged, format("the images do not agree where the iterations ended: correlation %.2f, %.2f needed",
+    return end(Status::diverged, format("the images do not agree at the final pose: correlation %.2f, %.2f needed",
                                         out.correlation, options.min_correlation));
 
   const Matrix6d cross = scale * evidence.cross * scale, both = scale * evidence.both * scale;
   const double overall = cross.trace() / both.trace();
   out.agreement = least_ratio(cross, both);
   if (!(overall >= options.min_agreement))
-    return end(Status::diverged,
-               format("the gradients of the images do not agree where the iterations ended: %.2f, %.2f needed", overall,
-                      options.min_agreement));
+    return end(Status::diverged, format("the image gradients do not agree at the final pose: agreement %.2f, %.2f needed",
+                                        overall, options.min_agreement));
   const Eigen::LLT<Matrix6d> confirmed(scale * evidence.confirmed * scale);
   if (!(out.agreement >= options.min_agreement) || confirmed.info() != Eigen::Success)
-    return end(
-        Status::degenerate,
-        format("no texture that both images share determines the pose in its worst direction: agreement %.2f, %.2f needed",
-               out.agreement, options.min_agreement));
+    return end(Status::degenerate,
+               format("the texture that both images share leaves one direction of the pose open: agreement %.2f, %.2f needed",
+                      out.agreement, options.min_agreement));
   const Matrix6d inverse = scale * confirmed.solve(Matrix6d::Identity()) * scale;
   const Matrix6d covariance = variance * inverse * evidence.H * inverse;
   const double focal = std::max(std::abs(ending.camera.fx), std::abs(ending.camera.fy));
@@ -116,7 +114,7 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
   if (!ending.prior && ending.repeats >= ICLK_MATCH_REPEATS)
     return end(Status::degenerate,
                format("the texture repeats: %.0f %% of the features look the same elsewhere in the target, so "
-                      "that other poses explain it as well; a first guess decides which",
+                      "other poses fit as well; a first guess selects one",
                       100 * ending.repeats));
   const double more = ending.agreement.variance_ratio(options.photometric ? 8 : 6) - 1;
   const Matrix6d dependent = covariance + more * variance * inverse * evidence.image * inverse;

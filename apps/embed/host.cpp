@@ -56,7 +56,8 @@ Host::Host(const std::string& wish, bool validate) : Host() {
   check(vkEnumeratePhysicalDevices(instance, &count, nullptr), "vkEnumeratePhysicalDevices");
   std::vector<VkPhysicalDevice> devices(count);
   check(vkEnumeratePhysicalDevices(instance, &count, devices.data()), "vkEnumeratePhysicalDevices");
-  if (choice.index >= count) throw Error(ErrorCode::no_device, device_name + " was there a moment ago and is gone");
+  if (choice.index >= count)
+    throw Error(ErrorCode::no_device, device_name + " has disappeared since the devices were listed; run again");
   physical_device = devices[choice.index];
   create_device();
 
@@ -176,7 +177,8 @@ uint32_t Host::memory_type(uint32_t bits, VkMemoryPropertyFlags properties) cons
   vkGetPhysicalDeviceMemoryProperties(physical_device, &memory);
   for (uint32_t i = 0; i < memory.memoryTypeCount; ++i)
     if ((bits >> i & 1) && (memory.memoryTypes[i].propertyFlags & properties) == properties) return i;
-  throw Error(ErrorCode::unsupported, device_name + " has no memory of the kind that this example needs");
+  throw Error(ErrorCode::unsupported,
+              device_name + " has no memory type that this example needs; choose another with --device");
 }
 
 }  // namespace embed

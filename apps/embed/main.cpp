@@ -45,32 +45,36 @@ int report(const embed::Options& options, const embed::Report& result) {
                 middle(&embed::FrameReport::render_ms), options.width, options.height, middle(&embed::FrameReport::align_ms));
   if (options.validate) std::printf("validation  %d messages\n", result.validation_messages);
   std::printf(
-      "picture     %s: the map from the last pose known; the camera's view, features found (crosses), true places "
-      "(rings)\n",
+      "picture     %s: the map from the last known pose; the camera's view with the features found (crosses) and their "
+      "true positions (rings)\n",
       options.out.c_str());
   if (wrong > 0) std::fprintf(stderr, "iclk_embed: %d of %zu poses are wrong\n", wrong, result.frames.size());
-  if (result.validation_messages > 0) std::fprintf(stderr, "iclk_embed: the validation layer is not silent\n");
+  if (result.validation_messages > 0)
+    std::fprintf(stderr, "iclk_embed: the validation layer reported %d messages\n", result.validation_messages);
   return wrong > 0 || result.validation_messages > 0 ? 1 : 0;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  CLI::App app("iclk_embed: renders, aligns and draws in one command buffer of an application's own Vulkan device");
+  CLI::App app(
+      "iclk_embed: an example application that renders, aligns and draws in one command buffer of its own Vulkan device");
   embed::Options options;
   if (const char* wish = std::getenv("ICLK_DEVICE")) options.device = wish;
   std::string size = "640x480";
   app.add_option("--device", options.device,
-                 "Index, part of a name or UUID (`iclk devices`); default ICLK_DEVICE, else the best");
-  app.add_option("--frames", options.frames, "Frames to fly, 4 m each")->check(CLI::Range(1, 100000))->capture_default_str();
-  app.add_option("--size", size, "Of the images, WIDTHxHEIGHT, 160x120 to 4096x4096")->capture_default_str();
-  app.add_option("--features", options.features, "At most so many")->check(CLI::Range(12, 2000))->capture_default_str();
-  app.add_option("--seed", options.seed, "Of the terrain")->capture_default_str();
+                 "Vulkan device: index, UUID or part of the name (see `iclk devices`); default: ICLK_DEVICE, else the best");
+  app.add_option("--frames", options.frames, "Frames of the flight, 4 m apart")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  app.add_option("--size", size, "Image size, WIDTHxHEIGHT, 160x120 to 4096x4096")->capture_default_str();
+  app.add_option("--features", options.features, "Most features per image")->check(CLI::Range(12, 2000))->capture_default_str();
+  app.add_option("--seed", options.seed, "Seed of the terrain")->capture_default_str();
   app.add_option("--out", options.out, "PNG of the last frame")->capture_default_str();
   app.add_flag("--validate", options.validate,
-               "With the Khronos validation layer and synchronisation validation; any message fails");
+               "Run with the Khronos validation layer and synchronisation validation; any message is a failure");
   app.footer(
-      "Exit code: 0 if every pose is right, 1 if not or if validation is not silent, 2 for an error.\n\n"
+      "Exit codes: 0 every pose is right, 1 a pose is wrong or --validate reported a message, 2 an error.\n\n"
       "Examples:\n  iclk_embed\n  iclk_embed --frames 100 --size 752x480 --out flight.png\n  iclk_embed --validate --device 0");
   try {
     app.parse(argc, argv);
@@ -84,7 +88,8 @@ int main(int argc, char** argv) {
   }
   try {
     const embed::Report result = embed::run(options);
-    if (result.cpu_unasked) std::fprintf(stderr, "iclk_embed: no GPU with Vulkan here: running on %s\n", result.device.c_str());
+    if (result.cpu_unasked)
+      std::fprintf(stderr, "iclk_embed: no GPU with Vulkan found: running on %s\n", result.device.c_str());
     return report(options, result);
   } catch (const std::exception& e) {
     std::fprintf(stderr, "iclk_embed: %s\n", e.what());

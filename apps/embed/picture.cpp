@@ -29,7 +29,7 @@ void write_picture(Host& host, const Image& left, const Image& right, const std:
   png.height = static_cast<png_uint_32>(height);
   png.format = PNG_FORMAT_RGBA;
   if (!png_image_write_to_file(&png, path.c_str(), 0, both.data(), 0, nullptr))
-    throw iclk::Error(iclk::ErrorCode::io, path + " could not be written: " + png.message);
+    throw iclk::Error(iclk::ErrorCode::io, "cannot write " + path + ": " + png.message);
 }
 
 }  // namespace embed

@@ -318,7 +318,7 @@ cv::Mat changed_image(const cv::Mat& image, std::span<const Change> changes) {
   if (changes.empty()) return image;
   if (image.depth() != CV_8U && image.depth() != CV_16U)
     throw Error(ErrorCode::unsupported,
-                "appearance changes need images of 8 or 16 bit: in an image of floats, white is not known");
+                "appearance changes need 8-bit or 16-bit images: the white level of float images is unknown");
   const double white = image.depth() == CV_8U ? 255 : 65535;
   cv::Mat unit, out;
   image.convertTo(unit, CV_32F, 1 / white);

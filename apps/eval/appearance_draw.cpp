@@ -141,7 +141,7 @@ AppearanceSpec parse_appearance(const std::string& text) {
   const size_t colon = text.find(':');
   spec.kind = text.substr(0, colon);
   if (spec.clean()) {
-    if (colon != std::string::npos) fail("clean has no strength");
+    if (colon != std::string::npos) fail("clean takes no strength");
     return spec;
   }
   const auto& kinds = appearance_kinds();
@@ -150,10 +150,10 @@ AppearanceSpec parse_appearance(const std::string& text) {
     std::string all = "clean";
     for (const std::string& kind : kinds) all += ", " + kind;
     all += ", unseen";
-    fail("the kind is one of " + all + ", with a strength behind a colon, such as jitter:0.4");
+    fail("the kind must be one of " + all + ", then a colon and the strength, such as jitter:0.4");
   }
   if (colon == std::string::npos) {
-    if (!family) fail("a strength is needed, such as " + spec.kind + ":0.4");
+    if (!family) fail("needs a strength, such as " + spec.kind + ":0.4");
     spec.strength = 1;
     return spec;
   }

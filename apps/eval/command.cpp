@@ -34,26 +34,28 @@ struct EvalCommand {
 };
 
 const char* const kEvalFooter =
-    "SET is what `iclk render --pairs` wrote, or any manifest of `iclk batch` in which every pair has a truth. Tables: the "
-    "error\n"
-    "left after every stage, in the mean, the median and the 95th percentile over all pairs, and the share of pairs within 1 "
-    "px\n"
-    "and 3 px. A stage that did not run leaves the error of the stage before; a pair without a pose has the error of its "
-    "start\n"
-    "and is never within 1 px. Claims: the method says that it succeeded; wrong: of these, more than 3 px off. NEES: squared\n"
-    "pose error of the claims by their own covariance, 6 in the mean if that is right. docs/results/evaluation.md says more.\n"
+    "SET is a set of `iclk render --pairs`, or any manifest of `iclk batch` in which every pair has a truth.\n"
     "\n"
-    "Appearance: clean; jitter:S, colour jitter as torchvision's; exposure:S, gamma:S, vignetting:S, flare:S, motion_blur:S,\n"
-    "noise:S, jpeg:S, shadow:S; severe or severe:S, some of these eight at random strengths. S up to 1, of jitter up to 2.\n"
+    "The tables show the error after every stage: mean, median and 95th percentile over all pairs, and the share of pairs\n"
+    "within 1 px and 3 px. A stage that did not run keeps the error of the stage before. A pair without a pose keeps the\n"
+    "error of its start, and never counts as within 1 px.\n"
+    "  claims  the method reports success\n"
+    "  wrong   claims that are more than 3 px off\n"
+    "  NEES    squared pose error of the claims, normalised by their own covariance; its mean is 6 if the covariance is right\n"
+    "docs/results/evaluation.md has more.\n"
     "\n"
-    "--out writes eval.json, rows.csv, pairs.csv, changes.jsonl (what was drawn) and pictures.\n"
+    "Appearance: clean; jitter:S, the colour jitter of torchvision; exposure:S, gamma:S, vignetting:S, flare:S,\n"
+    "motion_blur:S, noise:S, jpeg:S, shadow:S; severe or severe:S, some of these eight at random strengths. S is at most 1,\n"
+    "for jitter at most 2.\n"
+    "\n"
+    "--out writes eval.json, rows.csv, pairs.csv, changes.jsonl (the changes that were drawn) and pictures.\n"
     "\n"
     "Examples:\n"
     "  iclk eval set\n"
     "  iclk eval set --baselines --out report\n"
     "  iclk eval set --appearance clean,jitter:0.4,severe --variants 2 --solver device --out report\n"
     "  iclk eval set/pairs.jsonl --model model.safetensors --appearance jitter:0.4 --variants 1 --apply both --seed 1\n"
-    "  iclk eval set --appearance severe --variants 1 --export pairs               # for another program, here iclk again\n"
+    "  iclk eval set --appearance severe --variants 1 --export pairs               # for another program; here iclk again\n"
     "  iclk batch pairs/pairs.jsonl --model classical --out other.jsonl\n"
     "  iclk eval set --appearance severe --variants 1 --peer-results other=other.jsonl\n"
     "  iclk eval set --sweep noise,shadow --strengths 0.5,1 --variants 1 --out report\n"
@@ -127,49 +129,54 @@ void run(EvalCommand& command, int& exit) {
 
 void add_eval(CLI::App& app, int& exit) {
   CLI::App* command =
-      app.add_subcommand("eval", "Errors over a set of pairs with truth: every stage, baselines, appearance changes");
+      app.add_subcommand("eval", "Measure errors on pairs with true poses: every stage, other methods, changed images");
   auto o = std::make_shared<EvalCommand>();
   command->add_option("SET", o->set, "Folder with pairs.jsonl, or a manifest")->required()->check(not_empty)->type_name("PATH");
   command->option_defaults()->group("Evaluation");
-  auto* appearance = command->add_option("--appearance", o->appearances, "Changes to the images, one block of the report each")
-                         ->delimiter(',')
-                         ->capture_default_str()
-                         ->type_name("KIND[:S],...");
-  command->add_option("--sweep", o->sweep, "Instead: clean, then these kinds (or all) at every one of --strengths")
+  auto* appearance =
+      command->add_option("--appearance", o->appearances, "Changes to the images; each has a block in the report")
+          ->delimiter(',')
+          ->capture_default_str()
+          ->type_name("KIND[:S],...");
+  command
+      ->add_option("--sweep", o->sweep, "Instead of --appearance: clean, then these kinds (or all), each with all --strengths")
       ->delimiter(',')
       ->excludes(appearance)
       ->type_name("KIND,...");
-  command->add_option("--strengths", o->strengths, "Of --sweep")->delimiter(',')->capture_default_str();
-  command->add_option("--variants", o->eval.variants, "Draws of a change for each pair")->capture_default_str();
-  command->add_option("--apply", o->apply, "Which image is changed; both: each in its own way")
+  command->add_option("--strengths", o->strengths, "Strengths for --sweep")->delimiter(',')->capture_default_str();
+  command->add_option("--variants", o->eval.variants, "Random draws of a change per pair")->capture_default_str();
+  command->add_option("--apply", o->apply, "Which image to change; both: each with its own draw")
       ->capture_default_str()
       ->check(CLI::IsMember({"target", "reference", "both"}));
-  command->add_flag("--baselines", o->eval.baselines,
-                    "Also the paper's classical 6DoF-ICLK, with a model our classical mode, KLT, SIFT and ORB with PnP, and\n"
-                    "RgbdOdometry where meta.target_depth names the depth of the target; on the same features");
+  command->add_flag(
+      "--baselines", o->eval.baselines,
+      "Also run the classical 6DoF-ICLK of the paper, iclk's classical mode if --model is another, and KLT, SIFT and "
+      "ORB with PnP, on the same features; RgbdOdometry too, if meta.target_depth names the depth of the target");
   command
-      ->add_option("--peer-results", o->peer_results,
-                   "A method that ran elsewhere, a row of every table: {\"id\", \"T_10\", \"claimed\"} a line, or what\n"
-                   "`iclk batch` writes; may be repeated")
+      ->add_option(
+          "--peer-results", o->peer_results,
+          "Results of another program, as a row of every table: lines {\"id\", \"T_10\", \"claimed\"}, or a results file "
+          "of `iclk batch`; may be repeated")
       ->type_name("NAME=FILE")
       ->allow_extra_args(false);
-  command->add_option("--max-pairs", o->eval.max_pairs, "The first so many pairs; 0: all")->capture_default_str();
-  command->add_option("--batch", o->eval.batch, "Pairs on the device at a time; default 8, with a model 2, with --solver cpu 1")
+  command->add_option("--max-pairs", o->eval.max_pairs, "Use this many pairs from the start; 0: all")->capture_default_str();
+  command
+      ->add_option("--batch", o->eval.batch, "Pairs that are aligned together; default: 8, with a model 2, with --solver cpu 1")
       ->check(CLI::Range(1, 4096));
   o->eval.batch = 0;
   command->option_defaults()->group("Output");
   command->add_option("--out", o->out, "Folder for tables and pictures")->check(not_empty)->type_name("DIR");
   command
       ->add_option("--export", o->export_to,
-                   "Align nothing: write the pairs, changed, as a manifest and images for other programs")
+                   "Do not align: write the changed pairs as a manifest and images, for other programs")
       ->check(not_empty)
       ->type_name("DIR")
       ->excludes("--out");
-  command->add_flag("--json", o->json, "eval.json on standard output, and nothing else there");
-  command->add_option("--figure", o->eval.figure, "id of the pair to draw; default: the one in the middle of the set");
+  command->add_flag("--json", o->json, "Print only eval.json, on standard output");
+  command->add_option("--figure", o->eval.figure, "id of the pair to draw; default: the pair in the middle of the set");
   command->option_defaults()->group("Input");
   o->load.add_to(*command, false);
-  command->add_option("--seed", o->eval.seed, "Of the changes")->capture_default_str();
+  command->add_option("--seed", o->eval.seed, "Seed of the changes")->capture_default_str();
   command->option_defaults()->group("Alignment");
   o->run.add_to(*command);
   o->run.add_to(o->settings);

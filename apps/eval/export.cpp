@@ -33,7 +33,7 @@ struct Writer {
   }
   std::string image(const std::string& name, const cv::Mat& image) const {
     if (image.depth() == CV_32F)
-      throw Error(ErrorCode::unsupported, "images of 32-bit floats cannot be exported: give 8 or 16 bit");
+      throw Error(ErrorCode::unsupported, "float images cannot be exported: give 8-bit or 16-bit images");
     return (*this)(name, encoded(image, ".png"));
   }
 };

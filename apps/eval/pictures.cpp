@@ -43,7 +43,7 @@ cv::Mat errors_picture(const EvalReport& report) {
     Plot stages{of + ": stages of " + block.methods[0].method, "error, px", "share of pairs within it"};
     stages.x0 = 1e-3, stages.x1 = 1e3, stages.log_x = stages.percent = true;
     Plot methods = stages;
-    methods.title = of + ": methods, where they end";
+    methods.title = of + ": final error of each method";
     const auto& samples = block.methods[0].samples;
     for (size_t k = 0; k < samples.front().stages.size(); ++k)
       stages.curves.push_back(distribution(samples.front().stages[k].stage, errors_of(block.methods[0], k)));
@@ -54,7 +54,7 @@ cv::Mat errors_picture(const EvalReport& report) {
     if (block.methods.size() > 1) plots.push_back(std::move(methods));
   }
   const int columns = report.blocks[0].methods.size() > 1 ? 2 : static_cast<int>(report.blocks.size());
-  return draw_plots("Error that is left, " + std::to_string(report.pairs) + " pairs" +
+  return draw_plots("Remaining error, " + std::to_string(report.pairs) + " pairs" +
                         (columns > 1 ? "; further left and higher is better" : ""),  // as wide as the picture
                     plots, columns);
 }
@@ -65,9 +65,9 @@ cv::Mat basin_picture(const EvalReport& report) {
     double PoseError::*member;
     double unit;
   };
-  constexpr Axis kAxes[] = {{"error of the start, px", &PoseError::e_pixel, 1},
-                            {"error of the start, m", &PoseError::e_transl, 1},
-                            {"error of the start, degrees", &PoseError::e_rot, 1 / kDegree}};
+  constexpr Axis kAxes[] = {{"error at the start, px", &PoseError::e_pixel, 1},
+                            {"error at the start, m", &PoseError::e_transl, 1},
+                            {"error at the start, degrees", &PoseError::e_rot, 1 / kDegree}};
   std::vector<Plot> plots;
   for (const EvalBlock& block : report.blocks)
     for (const Axis& axis : kAxes) {
@@ -87,7 +87,7 @@ cv::Mat basin_picture(const EvalReport& report) {
       if (!(plot.x1 > 0)) plot.x1 = 1;
       plots.push_back(std::move(plot));
     }
-  return draw_plots("Basin of convergence: success against how far off the start was", plots, 3);
+  return draw_plots("Basin of convergence: success against the error at the start", plots, 3);
 }
 
 /// One panel a kind; its curves begin with the clean block, if there is one, at strength 0.

@@ -31,7 +31,7 @@ struct Work {
 void require_file(const std::string& path, const std::string& where) {
   std::error_code error;
   if (path.empty() || fs::is_regular_file(path, error)) return;
-  throw Error(ErrorCode::io, where + ": there is no file " + path);
+  throw Error(ErrorCode::io, where + ": no such file: " + path);
 }
 
 /// "initial", then what ran; a stage that did not, or that left no error to speak of, keeps the one before. A refined pose that
@@ -252,14 +252,15 @@ ApplyTo parse_apply_to(const std::string& name) {
   if (name == "reference") return ApplyTo::reference;
   if (name == "target") return ApplyTo::target;
   if (name == "both") return ApplyTo::both;
-  throw Error(ErrorCode::invalid_argument, "--apply '" + printable(name) + "' is not known: one of reference, target, both");
+  throw Error(ErrorCode::invalid_argument,
+              "--apply '" + printable(name) + "' is unknown; it must be reference, target or both");
 }
 
 void EvalOptions::check() const {
   const auto require = [](bool good, const std::string& what) {
     if (!good) throw Error(ErrorCode::invalid_argument, what);
   };
-  require(!appearances.empty(), "no appearance is given; clean is one");
+  require(!appearances.empty(), "no appearance given; clean leaves the images as they are");
   require(variants >= 1 && variants <= 10000, "--variants " + std::to_string(variants) + " must lie in 1 to 10000");
   require(batch >= 1 && batch <= 4096, "--batch " + std::to_string(batch) + " must lie in 1 to 4096");
   require(max_pairs >= 0, "--max-pairs " + std::to_string(max_pairs) + " must not be negative");
@@ -271,16 +272,13 @@ Manifest read_eval_set(const std::string& path) {
   if (fs::is_directory(path, error)) {
     file = (fs::path(path) / "pairs.jsonl").string();
     if (!fs::is_regular_file(file, error))
-      throw Error(ErrorCode::io,
-                  printable(path) + " has no pairs.jsonl: name a set that `iclk render --pairs` made, or a manifest");
+      throw Error(ErrorCode::io, printable(path) + " has no pairs.jsonl; give a set of `iclk render --pairs`, or a manifest");
   }
   Manifest manifest = read_manifest(file);
   for (const ManifestLine& line : manifest.lines) {
     const PairRequest request = parse_line(manifest, line);
     const std::string where = place(manifest, line);
-    if (!request.truth)
-      throw Error(ErrorCode::invalid_argument,
-                  where + ": key 'truth' is missing; without the true T_10 there is no error to measure");
+    if (!request.truth) throw Error(ErrorCode::invalid_argument, where + ": key 'truth' is missing; errors need the true T_10");
     for (const std::string& needed :
          {request.files.reference, request.files.target, request.files.depth, request.files.features})
       require_file(needed, where);

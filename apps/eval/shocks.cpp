@@ -237,7 +237,7 @@ void shocks(World& world, const Settings& settings) {
       sift.add(lefts, truth, T, found);
     }
     fmt::print(
-        "\nshock of {} degrees and {} mm, epipolar error before {:.2f} px; said to have moved: {}; NEES / 6: {:.2f}\n\n"
+        "\nshock of {} degrees and {} mm, epipolar error before {:.2f} px; reported as moved: {}; NEES / 6: {:.2f}\n\n"
         "| | rotation, degrees, median / max | t, mm | epipolar, px | <= 0.02 degrees and 0.2 px |\n|---|---|---|---|---|\n",
         degrees, degrees > 0 ? 5 : 0, before, moved, nees);
     fmt::print("{}", ours.row("iclk stereo"));
@@ -294,13 +294,14 @@ void flex(World& world, const Settings& settings) {
 
 int main(int argc, char** argv) {
   iclk::Settings settings;
-  CLI::App app("Rendered stereo rigs that are knocked and that bend: the tables of docs/results/stereo.md");
-  app.add_option("--draws", settings.draws, "Shocks of each size")->capture_default_str()->check(CLI::PositiveNumber);
-  app.add_option("--pairs", settings.pairs, "Pairs a shock")->capture_default_str()->check(CLI::PositiveNumber);
-  app.add_option("--frames", settings.frames, "Of each bending rig")->capture_default_str()->check(CLI::PositiveNumber);
-  app.add_option("--degrees", settings.degrees, "Shocks, of 5 mm too; 0: the rig stands still")->capture_default_str();
-  app.add_flag("--no-peer", settings.no_peer, "Without SIFT");
-  app.add_option("--device", settings.device, "Vulkan device");
+  CLI::App app("Measures shocks and bending of rendered stereo rigs: prints the tables of docs/results/stereo.md");
+  app.add_option("--draws", settings.draws, "Number of shocks of each size")->capture_default_str()->check(CLI::PositiveNumber);
+  app.add_option("--pairs", settings.pairs, "Pairs per shock")->capture_default_str()->check(CLI::PositiveNumber);
+  app.add_option("--frames", settings.frames, "Frames of each bending rig")->capture_default_str()->check(CLI::PositiveNumber);
+  app.add_option("--degrees", settings.degrees, "Sizes of the shocks, degrees; each also moves the camera by 5 mm; 0: no shock")
+      ->capture_default_str();
+  app.add_flag("--no-peer", settings.no_peer, "Leave SIFT out");
+  app.add_option("--device", settings.device, "Vulkan device: index, UUID or part of the name");
   CLI11_PARSE(app, argc, argv);
   try {
     iclk::World world(settings);

@@ -30,7 +30,7 @@ Json parse_json(std::string_view text, std::string* why) {
   std::string reason;
   Json json(Json::value_t::discarded);
   if (too_deep(text)) {
-    reason = "JSON that is nested more than " + std::to_string(kJsonDepth) + " levels deep, at most so many are read";
+    reason = "JSON nested more than " + std::to_string(kJsonDepth) + " levels deep, which is the limit";
   } else {
     try {
       json = Json::parse(text);

@@ -40,7 +40,7 @@ Json parse_object(const std::string& text, const std::string& where) {
   std::string why;
   Json json = parse_json(text, &why);
   if (json.is_discarded()) fail(where, why);
-  if (!json.is_object()) fail(where, std::string("a JSON object {...} is needed, this is a ") + json.type_name());
+  if (!json.is_object()) fail(where, std::string("must be a JSON object {...}, not a ") + json.type_name());
   return json;
 }
 
@@ -59,7 +59,7 @@ struct Line {
     const Json* value = find(key);
     if (value == nullptr) return "";
     if (!value->is_string() || value->get_ref<const std::string&>().empty())
-      fail(where, std::string("key '") + key + "' is " + printable(value->dump()) + ", not a text");
+      fail(where, std::string("key '") + key + "' is " + printable(value->dump()) + ", not a string");
     return value->get<std::string>();
   }
   std::string path(const std::string& file) const { return (std::filesystem::path(folder) / file).string(); }
@@ -114,10 +114,10 @@ Manifest read_manifest(const std::string& path) {
     const auto [other, is_new] = first.emplace(line.id, number);
     if (!is_new)
       fail(path, "lines " + std::to_string(other->second) + " and " + std::to_string(number) + " have the same id '" +
-                     printable(line.id) + "' (without \"id\" it is the number of the line); every pair needs its own");
+                     printable(line.id) + "' (the default is the line number); every pair needs its own");
     manifest.lines.push_back(std::move(line));
   }
-  if (manifest.lines.empty()) fail(path, "no pairs in it; a line is {\"reference\": ..., \"target\": ..., \"depth\": ...}");
+  if (manifest.lines.empty()) fail(path, "has no pairs; a line is {\"reference\": ..., \"target\": ..., \"depth\": ...}");
   return manifest;
 }
 
@@ -133,7 +133,7 @@ PairRequest parse_request(const std::string& text, const std::string& where, con
     if (std::find(kKeys.begin(), kKeys.end(), key) != kKeys.end()) continue;
     std::string known;
     for (const char* k : kKeys) known += (known.empty() ? "" : ", ") + std::string(k);
-    fail(where, "key '" + printable(key) + "' is not known: " + known + "; put what is yours into \"meta\"");
+    fail(where, "unknown key '" + printable(key) + "'; known are " + known + "; put your own data into \"meta\"");
   }
   if (const Json* id = line.find("id"); id != nullptr && !id->is_number_integer()) line.text("id");
   PairRequest request;
@@ -148,7 +148,7 @@ PairRequest parse_request(const std::string& text, const std::string& where, con
   if (line.find("distortion") != nullptr) request.distortion = line.text("distortion");
   if (const Json* scale = line.find("depth_scale")) {
     if (!scale->is_number() || !(scale->get<double>() > 0) || !std::isfinite(scale->get<double>()))
-      fail(where, "key 'depth_scale' is " + printable(scale->dump()) + "; a positive number is needed");
+      fail(where, "key 'depth_scale' is " + printable(scale->dump()) + "; it must be a positive number");
     request.depth_scale = scale->get<double>();
   }
   request.T_10 = line.pose("initial_pose", request.T_10_file);

@@ -116,7 +116,7 @@ def parse(text):
     if kind == 'clean' and not colon:
         return kind, 0.0
     if kind not in KINDS:
-        raise ValueError(f'appearance {text!r}: the kind is one of clean, {", ".join(KINDS)}, with a strength behind a colon')
+        raise ValueError(f'appearance {text!r}: kind must be clean, {", ".join(KINDS)}, then a colon and the strength')
     most = 2 if kind == 'jitter' else 1
     try:
         strength = 1.0 if kind == 'severe' and not colon else float(number)

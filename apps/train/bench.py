@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Times the learned model in PyTorch: the yardstick of `iclk bench --model`.
+"""Times the learned model in PyTorch, to compare with `iclk bench --model`.
 
-    bench.py --write random.safetensors               the paper's architecture with random weights, to measure with
-    bench.py random.safetensors                       time of an image in both layouts, and of a whole pair
-    bench.py random.safetensors --iclk build/iclk     the same beside `iclk bench`, on the same pair: the ratios
+    bench.py --write random.safetensors               write a model of the paper's architecture, with random weights
+    bench.py random.safetensors                       time of an image, in both memory layouts, and of a whole pair
+    bench.py random.safetensors --iclk build/iclk     also run `iclk bench` on the same pair; prints ratios
     bench.py random.safetensors --device cuda --batch 16
 
 Needs PyTorch 1.13 or later (Debian: python3-torch).
@@ -176,16 +176,16 @@ def measure_torch(args, network, images, uv, q, camera, levels, options):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('model', nargs='?', help='an iclk model file')
-    parser.add_argument('--size', nargs=2, type=int, metavar=('W', 'H'), default=(752, 480), help='of the images')
-    parser.add_argument('--iclk', metavar='PATH', help='the iclk command to measure beside: prints ratios')
-    parser.add_argument('--write', metavar='FILE', help="write a model of the paper's shape with random weights")
-    parser.add_argument('--channels', metavar='LISTS', help='for --write: channels of each layer, a list of three a level')
+    parser.add_argument('--size', nargs=2, type=int, metavar=('W', 'H'), default=(752, 480), help='image size')
+    parser.add_argument('--iclk', metavar='PATH', help='iclk command to compare with; prints ratios')
+    parser.add_argument('--write', metavar='FILE', help="write a model of the paper's architecture with random weights")
+    parser.add_argument('--channels', metavar='LISTS', help='for --write: channels of each layer, a list of three per level')
     parser.add_argument('--device', choices=('cpu', 'cuda'), default='cpu')
-    parser.add_argument('--levels', type=int, help='the finest levels of the model (default: all)')
-    parser.add_argument('--batch', type=int, default=1, help='pairs at a time')
+    parser.add_argument('--levels', type=int, help='use only this many of the finest levels; default: all')
+    parser.add_argument('--batch', type=int, default=1, help='pairs that are computed together')
     parser.add_argument('--features', type=int, default=50)
-    parser.add_argument('--pixels', choices=('mask', 'all'), default='mask', help='what the iterations visit')
-    parser.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), help='default: all cores')
+    parser.add_argument('--pixels', choices=('mask', 'all'), default='mask', help='pixels that the iterations visit')
+    parser.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), help='CPU threads; default: all cores')
     parser.add_argument('--repetitions', type=int, default=7)
     parser.add_argument('--json', action='store_true')
     args = parser.parse_args()

@@ -33,15 +33,15 @@ def parse_line(where, line, folder):
         entry = json.loads(line)
         assert isinstance(entry, dict)
     except (ValueError, AssertionError):
-        refuse('no JSON object; a set of `iclk render` that was cut off is mended by the same command')
+        refuse('not a JSON object; if `iclk render` was stopped, run the same command again')
     entry = {key: value for key, value in entry.items() if value is not None}
     for key in entry.keys() - KEYS:
-        refuse(f'{key!r} is no key of a pair')
+        refuse(f'unknown key {key!r}')
     for key in ('reference', 'target', 'depth', 'camera', 'truth'):
         if key not in entry:
             refuse(f'{key!r} is missing; training needs it for every pair')
     if entry.get('distortion', 'none') != 'none':
-        refuse('images with distortion are not trained on; undistort them first')
+        refuse('images with distortion cannot be used for training; undistort them first')
     pair = {'id': str(entry.get('id', where)), 'depth_scale': float(entry.get('depth_scale', 0))}
     for key in ('reference', 'target', 'depth'):
         pair[key] = os.path.join(folder, entry[key])
@@ -50,11 +50,11 @@ def parse_line(where, line, folder):
         pair['camera'] = np.array([float(x) for x in camera][:4])
         assert pair['camera'].shape == (4,) and np.isfinite(pair['camera']).all() and (pair['camera'][:2] != 0).all()
     except (ValueError, TypeError, AssertionError):
-        refuse(f'camera is {entry["camera"]!r}, must be fx,fy,cx,cy')
+        refuse(f'camera is {entry["camera"]!r}, it must be fx,fy,cx,cy')
     try:
         pair['R'], pair['t'] = pose(entry['truth'])
     except (ValueError, TypeError) as e:
-        refuse(f'truth is no pose ({e}); give a 4x4 matrix or a line tx ty tz qx qy qz qw')
+        refuse(f'truth is not a pose ({e}); give a 4x4 matrix or a line tx ty tz qx qy qz qw')
     pair['strip'] = rendered_strip(pair, entry.get('meta'))
     return pair
 
@@ -80,11 +80,11 @@ class PairSet:
             with open(manifest, encoding='utf-8') as file:
                 lines = file.read().splitlines()
         except (OSError, UnicodeDecodeError) as e:
-            raise InputError(f'{manifest}: {getattr(e, "strerror", e)}; a set is a folder that `iclk render --pairs` wrote, '
+            raise InputError(f'{manifest}: {getattr(e, "strerror", e)}; a set is a folder of `iclk render --pairs`, '
                              'or a manifest of `iclk batch` with depth and truth') from None
         self.pairs = [parse_line(f'{manifest}:{i + 1}', line, self.folder) for i, line in enumerate(lines) if line.strip()]
         if not self.pairs:
-            raise InputError(f'{manifest}: no pair in it; `iclk render --pairs` adds some')
+            raise InputError(f'{manifest}: no pairs; `iclk render --pairs` adds some')
         self.about = os.path.basename(os.path.normpath(path))
         try:
             with open(os.path.join(self.folder, 'set.json'), encoding='utf-8') as file:
@@ -109,8 +109,8 @@ def refuse_shared_images(sets, tests):
     known = {digest(path): path for path in images(sets)} if tests else {}
     for path, test in images(tests).items():
         if digest(path) in known:
-            raise InputError(f'{test}: its image {path} is that of {known[digest(path)]}, which is trained on; '
-                             'a test needs images of its own')
+            raise InputError(f'{test}: its image {path} is the same as {known[digest(path)]}, which is used for training; '
+                             'a test set must not share images')
 
 
 def read_image(path, flags, what):
@@ -158,8 +158,8 @@ def split(sets, share):
         cut = starts[max(1, round(share * len(starts))) - 1]
         before = [pair for pair in s.pairs if where[id(pair)][1] < cut]
         if not before:
-            raise InputError(f'{s.path}: none of its {len(s.pairs)} pairs lies apart from those that validate; more pairs are '
-                             'needed, or more ground or frames that they do not share')
+            raise InputError(f'{s.path}: all of its {len(s.pairs)} pairs share ground or frames with validation pairs; add '
+                             'pairs of other ground or frames')
         training += before
         validation += [pair for pair in s.pairs if where[id(pair)][0] >= cut]
     return sorted(training, key=rank), sorted(validation, key=rank)  # the first ones are of all sets
@@ -216,7 +216,8 @@ def make_sample(pair, recipe, rng, variant, centred):
     if data['crop']:
         cw, ch = data['crop']
         if cw > w or ch > h:
-            raise InputError(f'{pair["reference"]}: is {w}x{h}, smaller than the crop of {cw}x{ch}; --set data.crop=[{w},{h}]')
+            raise InputError(f'{pair["reference"]}: is {w}x{h}, smaller than the crop of {cw}x{ch}; '
+                             f'give --set data.crop=[{w},{h}]')
         x, y = ((w - cw) // 2, (h - ch) // 2) if centred else (rng.integers(w - cw + 1), rng.integers(h - ch + 1))
         images = [np.ascontiguousarray(image[y:y + ch, x:x + cw]) for image in images]
         depth = np.ascontiguousarray(depth[y:y + ch, x:x + cw])

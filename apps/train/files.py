@@ -13,7 +13,7 @@ def write_whole(path, write):
             os.fsync(file.fileno())
         os.replace(temporary, path)
     except OSError as e:
-        raise InputError(f'{path}: {e.strerror}; what was there before is untouched') from None
+        raise InputError(f'{path}: {e.strerror}; the previous file is unchanged') from None
 
 
 def write_text(path, text):

@@ -1,4 +1,4 @@
-"""What Python must bring, said in words instead of a traceback."""
+"""Checks for Python modules; the message names the packages to install."""
 import importlib.util
 import sys
 
@@ -14,5 +14,5 @@ def need(*modules):
         return
     debian, pypi = (' '.join(names) for names in zip(*(PACKAGES.get(module, (module, module)) for module in modules)))
     print(f'{sys.argv[0]}: {sys.executable} has no module {", ".join(missing)}. On Debian: apt install {debian}, then '
-          f'/usr/bin/python3 {" ".join(sys.argv)}; elsewhere, in an environment of yours: pip install {pypi}', file=sys.stderr)
+          f'/usr/bin/python3 {" ".join(sys.argv)}; elsewhere, in a virtual environment: pip install {pypi}', file=sys.stderr)
     sys.exit(2)

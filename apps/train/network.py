@@ -62,7 +62,7 @@ def take_model(network, path, images):
     metadata, _ = read_safetensors(path)
     given, _ = Network.load(path)
     if given.normalisation != network.normalisation:
-        raise InputError(f'{path}: its input is normalised by {given.normalisation}, the recipe\'s by {network.normalisation}; '
+        raise InputError(f'{path}: its input normalisation is {given.normalisation}, in the recipe {network.normalisation}; '
                          f'--set model.normalisation={given.normalisation}')
     first = given.levels[0][0][0]
     if first.in_channels == 3:  # it sees numbers of another mean and deviation
@@ -88,7 +88,7 @@ def take_model(network, path, images):
                 norm.bias.copy_(source.bias + norm.running_mean)
             x, taken, count = layer(x), taken + same, count + 1
     if taken == 0:
-        raise InputError(f'{path}: none of its layers has the shape of the recipe\'s; its encoder is '
+        raise InputError(f'{path}: none of its layers has the same shape in the recipe; its encoder is '
                          f'{metadata["encoder_channels"]} (model.encoder_channels)')
     return f'{taken} of {count} layers began as those of {metadata["name"]}: {metadata.get("provenance", "")}'
 

@@ -14,8 +14,8 @@ def pose(value):
     else:
         T = np.array(value, dtype=np.float64)
         if T.shape not in ((3, 4), (4, 4)):
-            raise ValueError('no 4x4 matrix')
+            raise ValueError('it is not a 4x4 matrix')
         R, t = T[:3, :3], T[:3, 3]
     if not np.allclose(R @ R.T, np.eye(3), atol=1e-4):
-        raise ValueError('its rotation is none')
+        raise ValueError('its rotation part is not a rotation')
     return R, t

@@ -20,7 +20,7 @@ def load_toml(path):
         names = sorted(f[:-5] for f in os.listdir(os.path.join(HERE, 'recipes')) if f.endswith('.toml'))
         raise InputError(f'recipe {path}: {e.strerror}; give a TOML file or one of {", ".join(names)}') from None
     except tomllib.TOMLDecodeError as e:
-        raise InputError(f'recipe {path}: no TOML: {e}') from None
+        raise InputError(f'recipe {path}: not TOML: {e}') from None
 
 
 def merge(base, changes, where):
@@ -28,12 +28,12 @@ def merge(base, changes, where):
     for key, value in changes.items():
         name = f'{where}{key}'
         if key not in base:
-            raise InputError(f'{name} is no key of a recipe; there are: {", ".join(base)}')
+            raise InputError(f'{name} is not a key of a recipe; keys are: {", ".join(base)}')
         old = base[key]
         if isinstance(old, float) and type(value) is int:
             value = float(value)
         if type(value) is not type(old):
-            raise InputError(f'{name} is {value!r}, must be like {old!r}')
+            raise InputError(f'{name} is {value!r}; its type must be that of {old!r}')
         if isinstance(old, dict):
             merge(old, value, name + '.')
         else:

@@ -21,7 +21,7 @@ def stamped(folder, name):
     except OSError as e:
         raise InputError(f'{path}: {e.strerror}; a recording has rgb.txt, depth.txt, groundtruth.txt and camera.txt') from None
     except ValueError:
-        raise InputError(f'{path}: a line is not TIME and what was there') from None
+        raise InputError(f'{path}: a line is not a time followed by a file or pose') from None
 
 
 def nearest(entries, time):
@@ -42,7 +42,7 @@ def write_pairs(folder, out, strides):
             numbers = [float(x) for line in file if not line.startswith('#') for x in line.split()]
         camera, scale = numbers[:4], numbers[6]
     except (OSError, ValueError, IndexError):
-        raise InputError(f'{path}: must hold fx fy cx cy width height depth_scale') from None
+        raise InputError(f'{path}: must have fx fy cx cy width height depth_scale') from None
     frames = []
     for time, image in images:
         depth, at = nearest(depths, time), nearest(poses, time)
@@ -62,7 +62,7 @@ def write_pairs(folder, out, strides):
                 'target': path_of(b[0]), 'depth': path_of(a[1]), 'depth_scale': scale, 'camera': camera,
                 'truth': (np.linalg.inv(b[2]) @ a[2]).tolist()}))
     if not lines:
-        raise InputError(f'{folder}: {len(frames)} frames have image, depth and pose within {APART} s of each other: no pair')
+        raise InputError(f'{folder}: no pairs: only {len(frames)} frames have image, depth and pose within {APART} s')
     write_text(out, '\n'.join(lines) + '\n')
     print(f'{out}: {len(lines)} pairs of {len(frames)} frames')
     return 0

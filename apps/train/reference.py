@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The learned model in PyTorch, from an iclk model file: a second opinion on its arithmetic, and what bench.py measures.
+"""The learned model in PyTorch, from an iclk model file: an independent check, and the model that bench.py times.
 
     reference.py tests/golden/learned_narrow_188x120.safetensors       compares with exact values of the specification
 
@@ -35,14 +35,14 @@ def read_safetensors(path):
         metadata = header.pop('__metadata__', {})
         for name, entry in header.items():
             if entry['dtype'] != 'F32':
-                sys.exit(f'{path}: tensor {name} is {entry["dtype"]}, only F32 is read')
+                sys.exit(f'{path}: tensor {name} is {entry["dtype"]}, it must be F32')
             begin, end = entry['data_offsets']
             values = torch.frombuffer(data, dtype=torch.float32, count=(end - begin) // 4, offset=begin)
             tensors[name] = values.reshape(entry['shape'])
     except OSError as e:
         sys.exit(f'{path}: {e.strerror}')
     except (struct.error, ValueError, KeyError, TypeError, AttributeError, RuntimeError, OverflowError, MemoryError):
-        sys.exit(f'{path}: not a safetensors file, or a damaged one; `iclk model info {path}` says what is wrong')
+        sys.exit(f'{path}: not a safetensors file, or damaged; see `iclk model info {path}`')
     return metadata, tensors
 
 
@@ -98,7 +98,7 @@ class Network(nn.Module):
         """The network, and what align() is meant to be given with it."""
         metadata, tensors = read_safetensors(path)
         if metadata.get('format') != 'iclk-model-1':
-            sys.exit(f'{path}: no iclk model (format is {metadata.get("format")!r}, must be iclk-model-1)')
+            sys.exit(f'{path}: not an iclk model (format is {metadata.get("format")!r}, must be iclk-model-1)')
         network = Network(tensors, json.loads(metadata['encoder_dilations']),
                           json.loads(metadata.get('m_estimator_dilations', '[]')),
                           json.loads(metadata['mean']), json.loads(metadata['std']), metadata.get('normalisation', 'fixed'))

@@ -1,9 +1,9 @@
 """A run on the disk. Files are whole or not there: each is written beside its name, flushed to the disk and renamed.
 
-    checkpoint.pt            all that a run goes on from; checkpoint.previous.pt the one before
+    checkpoint.pt            the state that a run continues from; checkpoint.previous.pt is the one before
     curves.csv, curves.svg   losses and errors
     model.safetensors        the weights with the least validation loss so far, for iclk
-    last.safetensors         those of the last validation
+    last.safetensors         the weights of the last validation
 """
 import fcntl
 import json
@@ -56,7 +56,7 @@ class RunFolder:
 def load_checkpoint(path):
     try:
         if not zipfile.is_zipfile(path):
-            raise ValueError('it is cut off, or no PyTorch file')
+            raise ValueError('it is truncated, or not a PyTorch file')
         state = torch.load(path, map_location='cpu', weights_only=True)
         if not isinstance(state, dict) or state.get('format') != FORMAT:
             raise ValueError(f'its format is not {FORMAT}')
@@ -68,6 +68,6 @@ def load_checkpoint(path):
         why = str(e).splitlines()[0] if str(e) else type(e).__name__
         folder = os.path.dirname(path)
         previous = os.path.join(folder, 'checkpoint.previous.pt')
-        remedy = (f'move {previous} there to go on from the one before' if os.path.exists(previous) and previous != path
-                  else 'remove it to begin anew, or give another --out')
+        remedy = (f'move {previous} there to continue from it' if os.path.exists(previous) and previous != path
+                  else 'remove it to start again, or give another --out')
         raise InputError(f'checkpoint {path} cannot be read: {why}; {remedy}') from None

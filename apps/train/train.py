@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Trains the model of SD-6DoF-ICLK and writes it for `iclk --model`. docs/guide/training.md says how and why.
+"""Trains the model of SD-6DoF-ICLK and writes it for `iclk --model`. See docs/guide/training.md.
 
-    train.py run --data SET ... --out RUN     trains, or goes on where it was stopped
-    train.py export RUN --out model.safetensors
-    train.py pairs RECORDING --out pairs.jsonl     pairs of an RGB-D recording in the TUM layout, to train on
+    train.py run --data SET ... --out RUN          trains, or continues a run that was stopped
+    train.py export RUN --out model.safetensors    writes the model of a checkpoint
+    train.py pairs RECORDING --out pairs.jsonl     lists training pairs of an RGB-D recording in the TUM layout
 
 Examples:
   iclk render --terrain procedural:7 --pairs 1000 --size 376x240 --out set
   apps/train/train.py run --data set --out run                              the recipe `ours`
-  apps/train/train.py run --data set --out run                              goes on after a kill
+  apps/train/train.py run --data set --out run                              continues after a kill
   apps/train/train.py run --data a b --test c --recipe paper --out run_paper --device cuda --workers 8
   apps/train/train.py run --data set --out run2 --set schedule.steps=2000 --set 'data.appearance=["jitter:0.8"]'
   apps/train/train.py run --data set2 --out tuned --init run/checkpoint.pt  starts from the weights of another run
@@ -34,29 +34,33 @@ def parser():
     run = commands.add_parser('run', help='train', **form)
     run.add_argument('--data', nargs='+', required=True, metavar='SET',
                      help='folders of `iclk render --pairs`, or manifests of `iclk batch` with depth and truth')
-    run.add_argument('--test', nargs='+', default=[], metavar='SET', help='sets that are never trained on; they have a curve')
-    run.add_argument('--out', required=True, metavar='RUN', help='folder of the run; one that was stopped goes on')
+    run.add_argument('--test', nargs='+', default=[], metavar='SET', help='sets for a test curve; never trained on')
+    run.add_argument('--out', required=True, metavar='RUN', help='folder of the run; a run that was stopped continues')
     run.add_argument('--recipe', default='ours', metavar='NAME|FILE', help='ours (default), paper, or a TOML file')
-    run.add_argument('--set', action='append', default=[], metavar='KEY=VALUE', help='changes a value of the recipe')
+    run.add_argument('--set', action='append', default=[], metavar='KEY=VALUE',
+                     help='change a value of the recipe; may be repeated')
     run.add_argument('--init', metavar='CHECKPOINT|MODEL',
-                     help='weights to begin a new run with; of a .safetensors file those of every encoder layer that has the '
-                          'shape of the recipe\'s')
-    run.add_argument('--device', choices=('cpu', 'cuda'), help='default: cuda where there is one')
-    run.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), metavar='N', help='default: all cores')
+                     help='initial weights of a new run; from a .safetensors file only the encoder layers that have the '
+                          'same shape in the recipe')
+    run.add_argument('--device', choices=('cpu', 'cuda'), help='default: cuda if there is one')
+    run.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), metavar='N',
+                     help='CPU threads; default: all cores')
     run.add_argument('--workers', type=int, metavar='N', help='processes that read ahead; default: 4 with cuda, else 0')
-    run.add_argument('--minutes', type=float, metavar='M', help='stop after so long; the same command goes on')
-    run.add_argument('--checkpoint-every', type=int, metavar='STEPS', help='besides each validation and every 5 minutes')
+    run.add_argument('--minutes', type=float, metavar='M', help='stop after M minutes; the same command continues')
+    run.add_argument('--checkpoint-every', type=int, metavar='STEPS',
+                     help='also save a checkpoint every STEPS steps; default: after each validation and every 5 minutes')
     out = commands.add_parser('export', help='write the model of a checkpoint', **form)
     out.add_argument('run', metavar='RUN', help='folder of a run, or a checkpoint')
-    out.add_argument('--out', required=True, metavar='FILE')
-    out.add_argument('--name', help='of the model; default: the recipe\'s')
-    out.add_argument('--licence', help='of the weights')
-    out.add_argument('--provenance', help='of the weights; default: recipe, steps, appearance and sets of the run, and '
-                     'of those that it began with')
-    pairs = commands.add_parser('pairs', help='pairs of an RGB-D recording', **form)
+    out.add_argument('--out', required=True, metavar='FILE', help='model file to write, .safetensors')
+    out.add_argument('--name', help='name of the model; default: that of the recipe')
+    out.add_argument('--licence', help='licence of the weights')
+    out.add_argument('--provenance', help='origin of the weights; default: recipe, steps, appearance and sets of the run, '
+                     'and of the run that it started from')
+    pairs = commands.add_parser('pairs', help='list pairs of an RGB-D recording', **form)
     pairs.add_argument('recording', metavar='RECORDING', help='folder with rgb.txt, depth.txt, groundtruth.txt and camera.txt')
     pairs.add_argument('--out', required=True, metavar='FILE', help='manifest to write')
-    pairs.add_argument('--stride', default='1,2,3', metavar='N[,N...]', help='frames between the two of a pair; default 1,2,3')
+    pairs.add_argument('--stride', default='1,2,3', metavar='N[,N...]',
+                       help='frames from one image of a pair to the other; default: 1,2,3')
     return p
 
 
@@ -80,7 +84,7 @@ def run_command(args):
     from trainer import Trainer
     device = args.device or ('cuda' if torch.cuda.is_available() else 'cpu')
     if device == 'cuda' and not torch.cuda.is_available():
-        raise recipe.InputError('--device cuda: this PyTorch finds no CUDA device; --device cpu')
+        raise recipe.InputError('--device cuda: this PyTorch finds no CUDA device; give --device cpu')
     if args.threads < 1:
         raise recipe.InputError(f'--threads {args.threads} must be 1 or more')
     torch.set_num_threads(args.threads)
@@ -96,7 +100,7 @@ def export_command(args):
     state = load_checkpoint(path) if path else RunFolder(args.run, lock=False).load()
     if state is None:
         from recipe import InputError
-        raise InputError(f'{args.run}: no checkpoint in it; give the folder of a run')
+        raise InputError(f'{args.run}: no checkpoint in this folder; give the folder of a run')
     network = TrainedNetwork(state['recipe']['model'])
     network.load_state_dict(state['network'])
     from trainer import export_model, provenance

@@ -80,12 +80,12 @@ class Trainer:
         where = self.folder.path
         changed = difference(state['recipe'], self.recipe)
         if changed:
-            raise InputError(f'{where}: began with another recipe: {changed}; give the same one, or another --out')
+            raise InputError(f'{where}: was started with another recipe: {changed}; give the same recipe, or another --out')
         if state['data']['hash'] != self.data['hash']:
             counts = [', '.join(f'{d[part]} {part}' for part in ('training', 'validation', 'test'))
                       for d in (state['data'], self.data)]
-            raise InputError(f'{where}: began with other pairs ({counts[0]}; now {counts[1]}); give the same sets in the same '
-                             'order, or another --out')
+            raise InputError(f'{where}: was started with other pairs ({counts[0]}; now {counts[1]}); give the same sets in the '
+                             'same order, or another --out')
         self.network.load_state_dict(state['network'])
         self.optimizer.load_state_dict({**self.optimizer.state_dict(), 'state': state['optimizer']})
         for key in ('step', 'rows', 'best', 'seconds', 'sum', 'count', 'skipped', 'baselines'):
@@ -110,7 +110,7 @@ class Trainer:
         try:
             self.network.load_state_dict(weights)
         except RuntimeError:
-            raise InputError(f'{path}: its model is {state["recipe"]["model"]}, the recipe\'s is {self.recipe["model"]}; '
+            raise InputError(f'{path}: its model is {state["recipe"]["model"]}, but the recipe has {self.recipe["model"]}; '
                              'give a recipe with the same model') from None
         self.before = provenance(state['recipe'], state['data'], state['step'], state.get('before', ''))
 
@@ -189,8 +189,8 @@ class Trainer:
         else:
             self.skipped += 1
             if self.skipped >= MOST_SKIPPED:
-                raise InputError(f'{MOST_SKIPPED} steps in a row had no finite gradient, the last at step {self.step}; go on '
-                                 'with a lower optimizer.learning_rate from a checkpoint (--init)')
+                raise InputError(f'{MOST_SKIPPED} steps in a row had no finite gradient, the last at step {self.step}; start '
+                                 'again from a checkpoint (--init) with a lower optimizer.learning_rate')
         self.step += 1
         return value
 
@@ -203,7 +203,7 @@ class Trainer:
         self.say(f'recipe {self.recipe["name"]}: {parameters} parameters, {d["training"]} training, '
                  f'{d["validation"]} validation, {d["test"]} test pairs, {d["left_out"]} left out between; '
                  f'{self.steps} steps on {self.device}'
-                 + (f', going on at step {self.step}' if self.step else ''), keep=True)
+                 + (f', continuing at step {self.step}' if self.step else ''), keep=True)
         begin = saved = shown = time.monotonic()
         first, mean = self.step, None
         if self.step == 0 and not self.rows:
@@ -232,7 +232,7 @@ class Trainer:
             if now - shown > (0.5 if sys.stderr.isatty() else 30):
                 pace = (now - begin) / (self.step - first)
                 self.say(f'step {self.step}/{self.steps}  epoch {self.step / self.epoch_steps:.2f}  loss {mean:.4f}  rate '
-                         f'{self.learning_rate():.2e}  {pace:.2f} s a step  {duration(pace * (self.steps - self.step))} left')
+                         f'{self.learning_rate():.2e}  {pace:.2f} s per step  {duration(pace * (self.steps - self.step))} left')
                 shown = now
         self.say(f'done: {self.steps} steps in {duration(self.seconds)}; model {self.folder.file("model.safetensors")}, curves '
                  f'{self.folder.file("curves.svg")}', keep=True)
@@ -240,7 +240,7 @@ class Trainer:
 
     def stopped(self):
         self.save()
-        self.say(f'stopped at step {self.step} of {self.steps}; the same command goes on', keep=True)
+        self.say(f'stopped at step {self.step} of {self.steps}; the same command continues', keep=True)
         return False
 
     def stop(self, number, frame):
@@ -250,7 +250,7 @@ class Trainer:
         # Of a signal to the whole group what reads ahead dies, too. PyTorch's handler would then raise an error wherever the
         # program is, in the middle of saving as well.
         signal.signal(signal.SIGCHLD, lambda *_: None)
-        self.say('stopping after this step; once more: at once', keep=True)
+        self.say('stopping after this step; a second signal stops at once', keep=True)
 
     @staticmethod
     def say(text, keep=False):

@@ -19,13 +19,12 @@ std::string who_of(const KernelDescription& d) { return std::string("kernel '") 
 KernelDescription suited(const Context& context, KernelDescription d) {
   if (!context.storage_reads()) return d;
   if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::image_read) > 0)
-    throw Error(ErrorCode::unsupported,
-                who_of(d) + "reads storage texel buffers, for which those of " + context.info().name + " are too small");
+    throw Error(ErrorCode::unsupported, who_of(d) + "needs larger storage texel buffers than " + context.info().name + " has");
   if (std::count(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read) == 0) return d;
   // If both builds are equal, the storage build reads texel buffers too.
   if (d.spirv.storage.empty() || std::ranges::equal(d.spirv.storage, d.spirv.texels))
     throw Error(ErrorCode::unsupported,
-                who_of(d) + "has no build for " + context.info().name + ", whose texel buffers are too small");
+                who_of(d) + "has no variant for " + context.info().name + ", whose texel buffers are too small");
   std::replace(d.bindings.begin(), d.bindings.end(), BindingKind::texel_read, BindingKind::storage_read);
   d.spirv.texels = d.spirv.storage;
   return d;
@@ -35,10 +34,10 @@ void check_description(const Context& context, const KernelDescription& d) {
   const std::string who = who_of(d);
   const VkPhysicalDeviceLimits& limits = context.limits();
   const std::span<const uint32_t> words = d.spirv.texels;
-  if (words.size() < 5 || words[0] != 0x07230203u) throw Error(ErrorCode::invalid_argument, who + "this is not SPIR-V");
+  if (words.size() < 5 || words[0] != 0x07230203u) throw Error(ErrorCode::invalid_argument, who + "the code is not SPIR-V");
   if (d.push_constant_bytes % 4)
     throw Error(ErrorCode::invalid_argument,
-                who + std::to_string(d.push_constant_bytes) + " push constant bytes: no multiple of 4");
+                who + std::to_string(d.push_constant_bytes) + " push constant bytes: must be a multiple of 4");
   const auto at_most = [&](const char* limit, uint64_t needs, uint64_t has) {
     if (needs > has)
       throw Error(ErrorCode::unsupported, who + "needs " + std::to_string(needs) + ", " + context.info().name + " has " +

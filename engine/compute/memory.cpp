@@ -108,7 +108,7 @@ BufferId MemoryPlan::add(BufferDescription description) {
   if (has_view(description.use) && texel_bytes(description.texel_format) == 0)
     throw Error(ErrorCode::invalid_argument, "buffer '" + description.name + "': VkFormat " +
                                                  std::to_string(description.texel_format) +
-                                                 " is no format for a texel buffer here");
+                                                 " is not supported for texel buffers here");
   buffers_.push_back(std::move(description));
   return static_cast<BufferId>(buffers_.size() - 1);
 }

@@ -43,9 +43,9 @@ void check_heaps(const MemoryLayout& layout, const VkPhysicalDeviceMemoryPropert
   for (const Chunk& chunk : layout.chunks) sum[memory.memoryTypes[chunk.memory_type].heapIndex] += chunk.bytes;
   for (uint32_t heap = 0; heap < memory.memoryHeapCount; ++heap)
     if (sum[heap] > memory.memoryHeaps[heap].size)
-      throw Error(ErrorCode::unsupported, "the plan needs " + bytes_in_words(sum[heap]) + ", the device's memory heap has " +
-                                              bytes_in_words(memory.memoryHeaps[heap].size) +
-                                              "; plan smaller images or fewer pairs at a time");
+      throw Error(ErrorCode::unsupported,
+                  "the plan needs " + bytes_in_words(sum[heap]) + ", but the memory heap of the device has " +
+                      bytes_in_words(memory.memoryHeaps[heap].size) + "; plan smaller images or fewer pairs at a time");
 }
 
 }  // namespace
@@ -82,7 +82,7 @@ MemoryLayout place_buffers(const std::vector<BufferDescription>& buffers, const 
     const BufferDescription& buffer = buffers[i];
     if (needs[i].size > max_allocation)
       throw Error(ErrorCode::unsupported, "buffer '" + buffer.name + "' needs " + bytes_in_words(needs[i].size) +
-                                              ", the device allocates at most " + bytes_in_words(max_allocation) +
+                                              ", but the device allocates at most " + bytes_in_words(max_allocation) +
                                               " at once; plan smaller images or fewer pairs at a time");
     const int type = choose_memory_type(buffer.kind, needs[i].memoryTypeBits, memory, unified);
     if (type < 0)

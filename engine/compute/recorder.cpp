@@ -52,12 +52,12 @@ void Recorder::require(Stage stage, std::span<const Use> uses) {
 void Recorder::dispatch(const Kernel& kernel, std::span<const Buffer* const> buffers, std::span<const std::byte> push,
                         Groups groups) {
   if (push.size() != kernel.push_constant_bytes())
-    reject("kernel '" + kernel.name() + "': " + std::to_string(push.size()) + " push constant bytes, it takes " +
+    reject("kernel '" + kernel.name() + "': " + std::to_string(push.size()) + " push constant bytes, but it takes " +
            std::to_string(kernel.push_constant_bytes()));
   const uint32_t* most = context_.limits().maxComputeWorkGroupCount;
   if (groups.x > most[0] || groups.y > most[1] || groups.z > most[2])
     throw Error(ErrorCode::unsupported, "kernel '" + kernel.name() + "': " + std::to_string(groups.x) + " x " +
-                                            std::to_string(groups.y) + " x " + std::to_string(groups.z) + " workgroups, " +
+                                            std::to_string(groups.y) + " x " + std::to_string(groups.z) + " workgroups, but " +
                                             context_.info().name + " takes at most " + std::to_string(most[0]) + " x " +
                                             std::to_string(most[1]) + " x " + std::to_string(most[2]));
   const VkDescriptorSet set = arena_.set(kernel, buffers);
@@ -143,7 +143,7 @@ void Recorder::copy_image_to_buffer(const ForeignImage& image, const Buffer& des
                                     uint32_t row_texels) {
   if (!image.handle) reject("image: the handle is null");
   if (image.layout == VK_IMAGE_LAYOUT_UNDEFINED || image.layout == VK_IMAGE_LAYOUT_PREINITIALIZED)
-    reject("image: layout " + std::to_string(image.layout) + " has no content to read; state the layout that it is in");
+    reject("image: layout " + std::to_string(image.layout) + " has no content to read; state its layout");
   const uint64_t texel = texel_bytes(image.format);
   if (texel == 0) reject("image: VkFormat " + std::to_string(image.format) + " cannot be read here");
   if (image.width == 0 || image.height == 0)

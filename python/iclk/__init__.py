@@ -5,8 +5,8 @@
     if r.converged: print(r.T_10, r.covariance)
 
 Poses ``T_10`` take points of camera 0 (reference) to camera 1 (target), X_1 = R X_0 + t; camera: x right, y down, z forward;
-pixel centres at whole numbers; images of three channels are red, green, blue. Everything that can fail to align says so in a
-status; wrong arguments raise ValueError, the machine's failures ``iclk.Error``.
+pixel centres at whole numbers; images of three channels are red, green, blue. A pair that cannot be aligned has a status that
+says why. Wrong arguments raise ValueError; failures of the machine raise ``iclk.Error``.
 """
 
 from ._align import Aligner, Options, Pair, align, detect

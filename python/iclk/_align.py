@@ -1,4 +1,4 @@
-"""Alignment of images in memory: what `iclk align` does, to the bit."""
+"""Alignment of images in memory, with the same results as `iclk align`, bit for bit."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ if TYPE_CHECKING:
 
 
 class Options(TypedDict, total=False):
-    """How to align: options of `iclk align`, which has the same names, defaults and words for them (`iclk align --help`)."""
+    """How to align. Names, defaults and values are those of `iclk align`; `iclk align --help` explains them."""
 
     solver: str  #: "host" (default), "device", which is faster for batches on a GPU, or "cpu"
     search: str  #: "auto" (default: on where no T_10 is given), "on" or "off"
     levels: int | None
-    iterations: int | None  #: a level, at most
+    iterations: int | None  #: most per level
     damping: str  #: "fixed" (default) or "adaptive"
     carry: float | None
     robust: str | None  #: "unit", "huber", "tukey" or "cauchy"
@@ -33,32 +33,32 @@ class Options(TypedDict, total=False):
     refine: bool  #: False: stop after ICLK
     refine_rounds: int
     recolour: bool
-    rolling_shutter: bool  #: False: both cameras read all rows at once
-    structure: bool  #: refine the inverse depths along with the pose
-    camera_sigma: float | None  #: px, how wrong focal length and principal point are; None: what the pair allows for; 0: exact
+    rolling_shutter: bool  #: False: do not correct for a rolling shutter
+    structure: bool  #: also refine the inverse depths
+    camera_sigma: float | None  #: px, sigma of focal length and principal point; None: from the residuals; 0: exact
 
 
 class Pair(NamedTuple):
-    """A target for a prepared reference; ``(slot, target)`` does as well."""
+    """A target for a prepared reference; a tuple ``(slot, target)`` works too."""
 
     slot: int
     target: Any  #: like the reference
-    T_10: Any = None  #: first guess, 4 x 4; None: it is searched for
-    mask: Any = None  #: H x W of bool or uint8, 0 where the target is not to be looked at: what moves by itself, a border
+    T_10: Any = None  #: first guess, 4 x 4; None: search the whole target
+    mask: Any = None  #: H x W, bool or uint8; pixels that are 0 are ignored: moving objects, a border
 
 
 def detect(
     image: Any, depth: Any, count: int = 200, *, detector: str = "shi-tomasi", mask: Any = None, seed: int = 0
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """At most ``count`` features of an image where its depth is known, depth edges last: those of `iclk align`.
+    """Chooses at most ``count`` features of an image where its depth is known, as `iclk align` does; depth edges come last.
 
-    image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, float; 0, negative,
-    NaN, infinite and masked mean none, and so does a largest value that many pixels share, as of
-    saturated sensors. detector: "shi-tomasi", corners spread over the image; "grid", even spacing; "random", of
-    ``seed``. mask: H x W of bool or uint8, 0 where the image is not to be looked at.
+    image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, float. Pixels without
+    depth are 0, negative, NaN, infinite or masked; a largest value that many pixels share (a saturated sensor) counts as no
+    depth too. detector: "shi-tomasi", corners spread over the image; "grid", even spacing; "random", drawn from ``seed``.
+    mask: H x W, bool or uint8; pixels that are 0 are ignored.
 
-    Returns uv (N x 2, px, centres at whole numbers) and their depths (N, metres); fewer or none where there are not as many.
-    The GIL is released. Raises ValueError for another shape, type, detector or count.
+    Returns uv (N x 2, px, centres at whole numbers) and their depths (N, metres); N is below ``count`` if the image has fewer.
+    The GIL is released. Raises ValueError for a wrong shape, type, detector or count.
     """
     pixels = _arrays.image(image, "image")
     metres = _arrays.depth_map(depth, "depth")
@@ -68,20 +68,20 @@ def detect(
 
 
 class Aligner:
-    """Aligns targets with prepared references (keyframes) of one image size, on one device, warm from call to call.
+    """Aligns targets with prepared references (keyframes) of one image size, on one device; set-up is paid only once.
 
-    width, height: pixels of every image. model: "auto" (classical, then what does not converge by sd6dof-small, then by
-    sd6dof), "classical", "sd6dof-small", "sd6dof" or a path; default: ICLK_MODEL, else "auto". device: index, part of the name
-    or UUID of a Vulkan device (``iclk.devices()``), or "cpu", which needs no Vulkan; default: ICLK_DEVICE, else the best.
-    references: slots. batch: pairs that the device works on at a time; longer lists are split. features: most that references
-    will have, more cost a new plan. Other options: ``iclk.Options``.
+    width, height: pixels of every image. model: "auto" (classical; pairs that do not converge go to sd6dof-small, then
+    to sd6dof), "classical", "sd6dof-small", "sd6dof" or a path; default: ICLK_MODEL, else "auto". device: index, UUID or part
+    of the name of a Vulkan device (``iclk.devices()``), or "cpu", which needs no Vulkan; default: ICLK_DEVICE, else the best.
+    references: number of slots. batch: pairs that are aligned together; longer lists are split. features: expected maximum
+    per reference; a reference with more costs a new plan. Other options: ``iclk.Options``.
 
-    Images of 8 bits or grey take less memory on the device than others; what an aligner was given first decides, and another
-    kind of image costs a new plan. One thread at a time works, others wait; the GIL is released. A pickled aligner does not
-    exist: make one in each worker. One that was made before a fork raises ``iclk.Error`` in the child.
+    8-bit and grey images take less device memory. The first images decide the kind; images of another kind cost a new plan.
+    One thread works at a time, others wait; the GIL is released. An aligner cannot be pickled: make one in each worker. An
+    aligner that was made before a fork raises ``iclk.Error`` in the child.
 
-    Raises ValueError for sizes and options that cannot be, TypeError for an unknown one, ``iclk.Error`` where there is no
-    Vulkan (code "no_driver"), no such device, no such model, or too little memory.
+    Raises ValueError for invalid sizes and options, TypeError for unknown options, and ``iclk.Error`` if Vulkan (code
+    "no_driver"), the device or the model is missing, or the memory does not suffice.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ class Aligner:
 
     @property
     def device(self) -> str:
-        """The name of the device that it works on."""
+        """Name of the device."""
         return self._core.device
 
     def set_reference(
@@ -117,15 +117,15 @@ class Aligner:
         sigma: Any = None,
         count: int = 200,
     ) -> list[str]:
-        """Prepares a keyframe, for any number of targets. Its pixels are copied.
+        """Prepares a reference (keyframe) for any number of targets. Its pixels are copied.
 
         slot: 0 to ``references - 1``. image: H x W or H x W x 3 (RGB), uint8 and uint16 (their range is 0 to 1) or float32 (0
-        to 1). uv: N x 2 pixels, centres at whole numbers, or None, where ``detect`` chooses at most ``count``. depth: N metres
-        along the optical axis beside uv, or H x W beside None; any unit will do, and is that of the pose. K: 3 x 3, or fx, fy,
-        cx, cy, of undistorted images. sigma: N standard deviations of the depths, where they are known.
+        to 1). uv: N x 2 pixels, centres at whole numbers, or None: then ``detect`` chooses at most ``count``. depth: N metres
+        along the optical axis, one per uv, or H x W if uv is None. Another unit works too; the pose then has it. K: 3 x 3, or
+        fx, fy, cx, cy, of undistorted images. sigma: N standard deviations of the depths, if known.
 
-        Returns "ok" a feature, or why it takes no part ("not_finite", "no_depth", "outside_image"). Raises ValueError for
-        another shape, type or size, NaN in an image, and a slot that there is not.
+        Returns for each feature "ok", or why it is not used ("not_finite", "no_depth", "outside_image"). Raises ValueError for
+        a wrong shape, type or size, NaN in an image, and a slot out of range.
         """
         pixels = _arrays.image(image, "reference")
         at, inverse_depth = _features(pixels, uv, depth, count)
@@ -133,16 +133,15 @@ class Aligner:
         if sigma is not None:
             deviation = _arrays.vector(sigma, "sigma")
             if len(deviation) != len(at):
-                raise _arrays.refuse(f"{len(at)} features, but {len(deviation)} sigmas; one a feature is wanted")
+                raise _arrays.refuse(f"{len(at)} features, but {len(deviation)} sigmas; give one sigma per feature")
             deviation = deviation * inverse_depth**2  # dq = dz / z^2
         return self._core.set_reference(slot, pixels, at, inverse_depth, deviation, _arrays.intrinsics(K))
 
     def align_batch(self, pairs: Iterable[Pair | Sequence[Any]]) -> list[Alignment]:
-        """One answer a pair, in order; what cannot be aligned is a status, not an exception.
+        """Returns one result per pair, in order. A pair that cannot be aligned has a status; it raises no exception.
 
-        pairs: ``(slot, target)``, ``(slot, target, T_10)`` or ``iclk.Pair``. A pair's answer depends on no other. Ctrl-C ends
-        it behind the batch that is under way. Raises ValueError for bad input, before anything is done, and ``iclk.Error`` for
-        a lost device.
+        pairs: ``(slot, target)``, ``(slot, target, T_10)`` or ``iclk.Pair``. Results do not depend on other pairs. Ctrl-C stops
+        after the current batch. Raises ValueError for bad input, before any alignment, and ``iclk.Error`` for a lost device.
         """
         work = []
         for i, item in enumerate(pairs):
@@ -153,7 +152,7 @@ class Aligner:
         return [Alignment._of(fields) for fields in self._core.align(work)]
 
     def align(self, slot: int, target: Any, T_10: Any = None, mask: Any = None) -> Alignment:
-        """One pair of ``align_batch``."""
+        """Aligns one pair, as ``align_batch`` does."""
         return self.align_batch([Pair(slot, target, T_10, mask)])[0]
 
 
@@ -164,9 +163,9 @@ def _features(
         return _core.detect(pixels, _arrays.depth_map(depth, "depth"), None, "shi-tomasi", count, 0)
     at, metres = _arrays.points(uv, "uv"), _arrays.depths(depth, "depth")
     if metres.ndim == 2 and metres.shape == pixels.shape[:2]:
-        raise _arrays.refuse("depth is a map: give None for uv, or the depths at uv: depth[v, u]")
+        raise _arrays.refuse("depth is a map: give None for uv, or the depths at uv, such as depth[v, u]")
     if len(at) != metres.size or metres.ndim != 1:
-        raise _arrays.refuse(f"{len(at)} features (uv), but depth has the shape {metres.shape}; one depth a feature is wanted")
+        raise _arrays.refuse(f"{len(at)} features (uv), but depth has the shape {metres.shape}; give one depth per feature")
     return at, _arrays.inverse(metres)
 
 
@@ -189,20 +188,20 @@ def align(
     device: str | int | None = None,
     **options: Unpack[Options],
 ) -> Alignment:
-    """Aligns a target image with a reference image of which some depths are known; the answer is that of `iclk align`.
+    """Aligns a target image with a reference image that has depth at some pixels; the result is that of `iclk align`.
 
     reference, target: H x W or H x W x 3 (RGB), uint8, uint16 or float32, of one size and camera, undistorted. uv, depth, K,
-    sigma, count: as of ``Aligner.set_reference``; ``uv=None`` takes features where the H x W depth is known. T_10: first guess,
-    4 x 4; without one the features are looked for in the whole target. mask: H x W, 0 where the target is not to be looked at.
-    model, device, options: as of ``Aligner``.
+    sigma, count: as for ``Aligner.set_reference``; with ``uv=None`` iclk chooses features where the H x W depth is known. T_10:
+    first guess, 4 x 4; default: search the whole target. mask: H x W; pixels of the target that are 0 are ignored. model,
+    device, options: as for ``Aligner``.
 
-    A thread keeps the aligners of its last few sizes, so that the next call finds it warm; ``iclk.Aligner`` is for many
-    targets of one reference, and for batches. Raises what ``Aligner`` raises.
+    Each thread keeps the aligners of its last few image sizes, so later calls are fast. For many targets of one reference,
+    and for batches, use ``iclk.Aligner``. Raises what ``Aligner`` raises.
     """
     first, second = _arrays.image(reference, "reference"), _arrays.image(target, "target")
     if first.shape[:2] != second.shape[:2]:
         raise _arrays.refuse(f"target is {second.shape[1]}x{second.shape[0]}, reference {first.shape[1]}x{first.shape[0]}: "
-                             "they must have one size")
+                             "they must have the same size")
     chosen_model = default_model() if model is None else model
     kinds = (first.ndim, first.dtype.str, second.ndim, second.dtype.str, mask is None)
     environment = (os.getpid(), os.environ.get("ICLK_DEVICE"))

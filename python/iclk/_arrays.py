@@ -32,7 +32,7 @@ def array(x: Any, name: str) -> npt.NDArray[Any]:
 def _unmasked(a: npt.NDArray[Any], name: str) -> npt.NDArray[Any]:
     """Raises InvalidArgument for an array of numpy.ma that hides something."""
     if np.ma.is_masked(a):
-        raise refuse(f"{name} is a masked array, and masked values are none here: fill them, or give a mask")
+        raise refuse(f"{name} is a masked array with masked values; fill them, or give a mask")
     return a.data if isinstance(a, np.ma.MaskedArray) else a
 
 
@@ -42,8 +42,8 @@ def _metres(x: Any, name: str) -> npt.NDArray[Any]:
     if isinstance(a, np.ma.MaskedArray):
         a = a.filled(0)
     if a.size and a.dtype.kind != "f":
-        hint = "raw / 5000.0 of TUM RGB-D, raw / 1000.0 of millimetres"
-        raise refuse(f"{name} is {a.dtype}; metres as floating-point numbers are wanted: {hint}")
+        hint = "raw / 5000.0 for TUM RGB-D, raw / 1000.0 for millimetres"
+        raise refuse(f"{name} is {a.dtype}; it must be metres, as floating-point numbers: {hint}")
     return a
 
 
@@ -55,11 +55,11 @@ def image(x: Any, name: str) -> npt.NDArray[Any]:
     """H x W or H x W x 3, uint8, uint16 or float32; rows that are packed in themselves and follow each other downwards."""
     a = _native(_unmasked(array(x, name), name))
     if a.ndim != 2 and not (a.ndim == 3 and a.shape[2] == 3):
-        raise refuse(f"{name} has the shape {a.shape}; H x W (grey) or H x W x 3 (red, green, blue) is wanted")
+        raise refuse(f"{name} has the shape {a.shape}; it must be H x W (grey) or H x W x 3 (red, green, blue)")
     if a.dtype not in _PIXELS:
-        raise refuse(f"{name} is {a.dtype}; uint8, uint16 or float32 (from 0 to 1) is wanted")
+        raise refuse(f"{name} is {a.dtype}; it must be uint8, uint16 or float32 (from 0 to 1)")
     if a.dtype == np.float32 and not np.isfinite(a).all():
-        raise refuse(f"{name} holds NaN or infinite pixels; hide them with a mask, and give them any number")
+        raise refuse(f"{name} has NaN or infinite pixels; replace them by any number, and hide them with a mask")
     pixel = a.itemsize * (a.shape[2] if a.ndim == 3 else 1)
     packed = a.strides[-1] == a.itemsize and a.strides[1] == pixel and a.strides[0] >= a.shape[1] * pixel
     if packed and a.flags.aligned and a.strides[0] % a.itemsize == 0:
@@ -71,7 +71,7 @@ def mask(x: Any, name: str) -> npt.NDArray[np.uint8]:
     """H x W, bool or uint8: 0 and False hide."""
     a = _unmasked(array(x, name), name)
     if a.ndim != 2 or a.dtype not in (np.dtype(bool), np.dtype(np.uint8)):
-        raise refuse(f"{name} is {a.dtype} of the shape {a.shape}; H x W of bool or uint8 is wanted")
+        raise refuse(f"{name} is {a.dtype} of the shape {a.shape}; it must be H x W, of bool or uint8")
     return np.ascontiguousarray(a).view(np.uint8)
 
 
@@ -79,7 +79,7 @@ def depth_map(x: Any, name: str) -> npt.NDArray[np.float32]:
     """H x W metres; 0 where `iclk align` would see no measurement either."""
     a = _metres(x, name)
     if a.ndim != 2:
-        raise refuse(f"{name} has the shape {a.shape}; H x W is wanted, or the features' uv beside N depths")
+        raise refuse(f"{name} has the shape {a.shape}; it must be H x W, or give uv of the features and N depths")
     return _core.keep_measured(np.ascontiguousarray(a, dtype=np.float32))
 
 
@@ -91,7 +91,7 @@ def depths(x: Any, name: str) -> npt.NDArray[np.float64]:
 def vector(x: Any, name: str) -> npt.NDArray[np.float64]:
     a = numbers(x, name)
     if a.ndim != 1:
-        raise refuse(f"{name} has the shape {a.shape}; N numbers are wanted")
+        raise refuse(f"{name} has the shape {a.shape}; it must be N numbers")
     return a
 
 
@@ -100,21 +100,21 @@ def points(x: Any, name: str) -> npt.NDArray[np.float64]:
     if a.size == 0 and a.ndim < 2:
         return np.zeros((0, 2))
     if a.ndim != 2 or a.shape[1] != 2:
-        raise refuse(f"{name} has the shape {a.shape}; N x 2 (u, v) is wanted")
+        raise refuse(f"{name} has the shape {a.shape}; it must be N x 2 (u, v)")
     return a
 
 
 def pose(x: Any, name: str) -> npt.NDArray[np.float64]:
     a = numbers(x, name)
     if a.shape != (4, 4):
-        raise refuse(f"{name} has the shape {a.shape}; a 4 x 4 matrix is wanted")
+        raise refuse(f"{name} has the shape {a.shape}; it must be a 4 x 4 matrix")
     return a
 
 
 def numbers(x: Any, name: str) -> npt.NDArray[np.float64]:
     a = _unmasked(array(x, name), name)
     if a.dtype.kind not in "fiu":
-        raise refuse(f"{name} is {a.dtype}; numbers are wanted")
+        raise refuse(f"{name} is {a.dtype}; it must be numbers")
     return np.ascontiguousarray(a, dtype=np.float64)
 
 
@@ -124,10 +124,10 @@ def intrinsics(K: Any) -> tuple[float, float, float, float]:
     if a.shape == (4,):
         return float(a[0]), float(a[1]), float(a[2]), float(a[3])
     if a.shape != (3, 3):
-        raise refuse(f"K has the shape {a.shape}; fx, fy, cx, cy or a 3 x 3 matrix is wanted")
+        raise refuse(f"K has the shape {a.shape}; it must be fx, fy, cx, cy or a 3 x 3 matrix")
     zeros = (a[0, 1], a[1, 0], a[2, 0], a[2, 1])
     if any(z != 0 for z in zeros) or a[2, 2] != 1:
-        raise refuse("K is no camera matrix without skew: [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] is wanted")
+        raise refuse("K is not a camera matrix without skew: it must be [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
     return float(a[0, 0]), float(a[1, 1]), float(a[0, 2]), float(a[1, 2])
 
 

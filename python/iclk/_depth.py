@@ -1,4 +1,4 @@
-"""Dense depth maps: what `iclk depth` does."""
+"""Dense depth maps, as `iclk depth` computes them."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from . import _arrays, _core
 
 
 class DepthMap(NamedTuple):
-    """Of the reference's pixels."""
+    """Depth of the pixels of the reference."""
 
     depth: npt.NDArray[np.float32]  #: H x W metres along the optical axis, 0: none
-    confidence: npt.NDArray[np.float32]  #: H x W, by how much the second best plane is worse, 0 to 1
+    confidence: npt.NDArray[np.float32]  #: H x W, 0 to 1: by how much the second-best plane is worse
     valid: float  #: share of pixels with depth
-    near: float  #: where it was looked for, m
+    near: float  #: range that was searched, m
     far: float
     planes: int
-    status: str  #: "converged", "low_overlap", "degenerate" or "diverged", as `iclk depth` says it: docs/guide/depth.md
+    status: str  #: "converged", "low_overlap", "degenerate" or "diverged", as for `iclk depth`: docs/guide/depth.md
     reason: str
 
 
@@ -38,23 +38,22 @@ def depth_map(
     fill: bool = False,
     device: str | int | None = None,
 ) -> DepthMap:
-    """A dense depth map of an image from 1 to 8 others whose poses are known; docs/explain/depth.md says how.
+    """Computes a dense depth map of an image from 1 to 8 other images with known poses; see docs/explain/depth.md.
 
     reference: H x W or H x W x 3 (RGB), uint8, uint16 or float32. views: pairs of such an image, of the same size, and its
-    T_10, 4 x 4, which takes points of the reference's camera to its own, metres. K: 3 x 3, or fx, fy, cx, cy; view_K: the
-    views', where it is another. near, far: m, between which depth is looked for; or uv (N x 2 px) and depth (N), sparse depths
-    of the reference, which are priors and say the range where near and far do not. planes: 0: one a pixel of motion. fill:
-    pixels without an answer get the depth of what lies behind around them. device: of Vulkan; there is no depth on "cpu".
+    T_10: 4 x 4, takes points of the camera of the reference to the camera of the view, metres. K: 3 x 3, or fx, fy, cx, cy;
+    view_K: K of the views, if it differs. near, far: depth range to search, m. uv (N x 2 px), depth (N): sparse depths of the
+    reference; they are priors, and give the range if near and far are missing. planes: 0 means one per pixel of motion. fill:
+    fill pixels without depth with the depth of the background around them. device: a Vulkan device; "cpu" does not work.
 
-    Raises ValueError for another shape or type, a view that did not move, a range that is none; ``iclk.Error`` where there is
-    no Vulkan.
+    Raises ValueError for a wrong shape or type, a view without motion, and an invalid range; ``iclk.Error`` without Vulkan.
     """
     if device == "cpu":
-        raise _arrays.refuse('depth maps need Vulkan (lavapipe does): device="cpu" has none')
+        raise _arrays.refuse('depth maps need Vulkan: device="cpu" does not work, but lavapipe (mesa-vulkan-drivers) does')
     if (uv is None) != (depth is None):
-        raise _arrays.refuse("uv and depth go together")
+        raise _arrays.refuse("give both uv and depth, or neither")
     if near is None and far is not None:
-        raise _arrays.refuse("far without near")
+        raise _arrays.refuse("far needs near; give both")
     at = np.zeros((0, 2)) if uv is None else _arrays.points(uv, "uv")
     q = np.zeros(0) if depth is None else _arrays.inverse(_arrays.vector(_arrays.depths(depth, "depth"), "depth"))
     if near is not None and not near > 0:

@@ -8,20 +8,20 @@ from . import _core
 
 
 class Device(TypedDict):
-    """What `iclk devices --json` says of a device."""
+    """A device, as `iclk devices --json` lists it."""
 
-    index: int  #: which ``device=`` takes, as it takes a part of the name or the UUID
+    index: int  #: for ``device=``, which also takes the UUID or a part of the name
     name: str
-    type: str  #: "discrete", "integrated", "virtual", "cpu" (lavapipe, which is faster than device="cpu") or "other"
+    type: str  #: "discrete", "integrated", "virtual", "cpu" (lavapipe; faster than device="cpu") or "other"
     uuid: str
     vulkan: str
     driver: str
     memory_bytes: int
     subgroup_size: int
     usable: bool
-    rejected: str  #: why not
+    rejected: str  #: why it is not usable; else empty
 
 
 def devices() -> list[Device]:
-    """The Vulkan devices of this machine; none where there is no Vulkan, and ``device="cpu"`` is what works."""
+    """Returns the Vulkan devices of this machine. Without Vulkan the list is empty; use ``device="cpu"`` then."""
     return _core.devices()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 class Error(Exception):
-    """What iclk cannot do, in words that name the value and the remedy. An alignment that fails is no error: it is a status.
+    """An error whose message names the value and the remedy. A failed alignment is not an error; it has a status.
 
     ``code``: "invalid_argument", "unsupported", "no_driver", "no_device", "out_of_memory", "device_lost", "vulkan" or "io".
     """
@@ -18,4 +18,4 @@ class Error(Exception):
 
 
 class InvalidArgument(Error, ValueError):
-    """An argument that cannot be: ``except ValueError`` catches it too. ``code`` is "invalid_argument"."""
+    """An invalid argument; ``except ValueError`` catches it too. ``code`` is "invalid_argument"."""

@@ -1,4 +1,4 @@
-"""The models that lie in this package."""
+"""The models in this package."""
 
 from __future__ import annotations
 
@@ -19,11 +19,10 @@ def default_model() -> str:
 
 
 def model_info(model: str, width: int = 752, height: int = 480) -> dict[str, Any]:
-    """What a model file holds, as `iclk model info --json` says it: architecture, parameters, GMAC, licence, provenance.
+    """Returns what `iclk model info --json` prints: architecture, parameters, GMAC, licence, provenance of a model.
 
-    model: the name of one of the models of this package ("sd6dof", "sd6dof-small"), or a path. width, height: images for which
-    the cost is counted. Raises ``iclk.Error`` (code "io") for one that is not there or damaged, ValueError for images that are
-    too small for its levels.
+    model: "sd6dof", "sd6dof-small" or a path. width, height: image size for the cost. Raises ``iclk.Error`` (code "io") for a
+    missing or damaged model, ValueError for images that are too small for its levels.
     """
     info: dict[str, Any] = json.loads(_core.model_info(model, width, height, folders()))
     return info

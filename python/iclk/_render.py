@@ -1,4 +1,4 @@
-"""Views of a landscape that is made in code, with depth and poses: for examples, tests, and training."""
+"""Rendered views of a procedural landscape, with depth and poses: for examples, tests, and training."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Floats = npt.NDArray[np.float64]
 
 
 class RenderedPair(NamedTuple):
-    """Two views with their truth."""
+    """Two views with their true depth and poses."""
 
     reference: npt.NDArray[np.uint8]  #: H x W x 3, RGB
     target: npt.NDArray[np.uint8]
@@ -24,23 +24,23 @@ class RenderedPair(NamedTuple):
 
 
 class Terrain:
-    """Hills, fields, villages, woods, of a seed; rendered by ray casting on a Vulkan device (docs/guide/render.md).
+    """A procedural landscape of hills, fields, villages and woods, rendered on a Vulkan device (docs/guide/render.md).
 
-    size: m of a side, 128 m take a second and 1024 some ten. The map begins at (0, 0): x east, y north, z up. device: as of
-    ``iclk.Aligner``, but not "cpu". Raises ValueError for a size that cannot be, ``iclk.Error`` where there is no Vulkan.
+    size: m per side; making 128 m takes a second, 1024 m about ten. The map starts at (0, 0): x east, y north, z up. device:
+    as for ``iclk.Aligner``, but not "cpu". Raises ValueError for an invalid size, ``iclk.Error`` without Vulkan.
     """
 
     def __init__(self, seed: int = 0, size: float = 256.0, device: str | int | None = None) -> None:
         if device == "cpu":
-            raise _arrays.refuse('rendering needs Vulkan (lavapipe does): device="cpu" has none')
+            raise _arrays.refuse('rendering needs Vulkan: device="cpu" does not work, but lavapipe (mesa-vulkan-drivers) does')
         self._core = _core.Terrain(seed, size, "" if device is None else str(device))
 
     def height_at(self, x: float, y: float) -> float:
-        """Of the ground, m; NaN outside."""
+        """Height of the ground, m; NaN outside the map."""
         return self._core.height_at(x, y)
 
     def render(self, T_WC: Any, K: Any, width: int, height: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
-        """What a camera sees: H x W x 3 uint8 RGB, and H x W metres along the optical axis, 0 where there is no ground.
+        """Renders a view: H x W x 3 uint8 RGB, and H x W metres along the optical axis, 0 where there is no ground.
 
         T_WC: 4 x 4, camera (x right, y down, z forward) to map. Raises ValueError for a camera at or below the ground.
         """
@@ -60,9 +60,9 @@ class Terrain:
         rotation: float = 0.05,
         seed: int = 0,
     ) -> RenderedPair:
-        """Pair ``index`` of the endless set of a seed, as `iclk render --pairs` draws them: a camera that looks down from an
-        altitude (m above ground), tilted by up to ``tilt`` rad, and one that is moved by up to ``translation`` m and
-        ``rotation`` rad an axis. Raises ValueError where a view does not fit into the map.
+        """Renders pair ``index`` of the infinite set of a seed, drawn as by `iclk render --pairs`. Camera 0 looks down from an
+        altitude (m above ground), tilted by up to ``tilt`` rad. Camera 1 is camera 0 after a motion of up to ``translation`` m
+        and ``rotation`` rad per axis. Raises ValueError if a view does not fit into the map.
         """
         first, second, T_10, T_W0, T_W1 = self._core.pair(
             index, _arrays.intrinsics(K), width, height, *altitude, tilt, translation, rotation, seed

@@ -1,4 +1,4 @@
-"""What iclk answers: plain values, which pickle."""
+"""Results: plain values that can be pickled."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Status = Literal["converged", "max_iterations", "low_overlap", "degenerate", "to
 
 
 class Attempt(NamedTuple):
-    """What one model of ``model="auto"`` made of a pair."""
+    """Result of one model of ``model="auto"``."""
 
     model: str
     status: Status
@@ -21,16 +21,16 @@ class Attempt(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """The pose as a stage left it: "iclk", "feature_alignment", "pose", "structure", "rivals"."""
+    """The pose after a stage: "iclk", "feature_alignment", "pose", "structure", "rivals"."""
 
     name: str
     T_10: Floats  #: 4 x 4
     cost: float
-    ms: float  #: a batch's time is shared evenly by its pairs
+    ms: float  #: time of the batch, shared evenly among its pairs
 
 
 class Rival(NamedTuple):
-    """Another pose that the images show as well."""
+    """Another pose that fits the images just as well."""
 
     T_10: Floats  #: 4 x 4
     inliers: int  #: features that agree on it
@@ -38,15 +38,15 @@ class Rival(NamedTuple):
 
 @dataclass(frozen=True)
 class Alignment:
-    """A pair's answer, with the numbers of ``iclk align --json`` (docs/schema/result-1.json). N features, in their order."""
+    """Result of a pair, as ``iclk align --json`` prints it (docs/schema/result-1.json). N features, in the given order."""
 
     status: Status
     reason: str  #: the status in words, with the numbers that decided it
     T_10: Floats  #: 4 x 4: takes points of camera 0 (reference) to camera 1 (target), in the unit of the depth
-    covariance: Floats  #: 6 x 6 of [rho, phi], T_10 = mean Exp(xi), translation first, rad; NaN where there is none
-    refined: bool  #: pose and covariance are the refinement's, else ICLK's
-    turn: Floats | None  #: of a rolling shutter, rad; None unless proven
-    uv: Floats  #: N x 2, px in the target: aligned, else projected by T_10; NaN where there is none
+    covariance: Floats  #: 6 x 6 of [rho, phi], T_10 = mean Exp(xi), translation first, rad; NaN if there is none
+    refined: bool  #: True: pose and covariance come from the refinement, else from ICLK
+    turn: Floats | None  #: rotation by a rolling shutter, rad; None unless proven
+    uv: Floats  #: N x 2, px in the target: aligned, else projected by T_10; NaN if neither
     uv_covariance: Floats  #: N x 2 x 2, px^2; NaN unless aligned
     feature_status: tuple[str, ...]  #: "aligned", "diverged", "bad_match", "out_of_image", "no_depth", ...
     inverse_depth: Floats  #: N, 1 / m: refined with structure=True, else as given
@@ -59,19 +59,19 @@ class Alignment:
     inliers: int  #: features that were aligned and agree on the pose
     sigma: float  #: px, robust standard deviation of the reprojection residuals
     rivals: list[Rival]  #: with the status "ambiguous"; the one with the most features first
-    static_overlay: int  #: features that stand still with the camera, as a caption does; if converged, T_10 is of the others
-    model: str  #: who answered
+    static_overlay: int  #: features fixed to the camera, such as a caption; if converged, T_10 is from the others
+    model: str  #: model that gave the result
     attempts: list[Attempt]
     stages: list[Stage]
 
     @property
     def converged(self) -> bool:
-        """Pose and covariance hold."""
+        """True if pose and covariance are valid."""
         return self.status == "converged"
 
     @property
     def aligned(self) -> npt.NDArray[np.bool_]:
-        """N: which features were found in the target."""
+        """N booleans: features that were found in the target."""
         return np.array([s == "aligned" for s in self.feature_status], dtype=bool)
 
     @staticmethod

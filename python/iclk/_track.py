@@ -1,4 +1,4 @@
-"""Sequences: what `iclk track` does, a frame at a time."""
+"""Tracking of sequences frame by frame, as `iclk track` does it."""
 
 from __future__ import annotations
 
@@ -16,42 +16,42 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TrackedFrame:
-    """Where a frame was. World: the camera of its map's first keyframe."""
+    """Pose of a frame. World: the camera of the first keyframe of its map."""
 
     time: float  #: s
-    status: Literal["tracked", "keyframe", "lost"]  #: keyframe: tracked, and others will be aligned with it
-    confirmed: bool  #: by the features; else the pose is the alignment's alone, and weaker
+    status: Literal["tracked", "keyframe", "lost"]  #: keyframe: tracked, and later frames are aligned with it
+    confirmed: bool  #: by features; else the pose is from the alignment alone, and weaker
     reason: str
-    map: int  #: poses of different maps have nothing to do with each other
-    keyframe: int  #: it was aligned with; of a keyframe, itself
-    T_CK: Floats  #: 4 x 4, camera of that keyframe to this one: stays while the keyframe's pose may still be adjusted
-    T_WC: Floats  #: 4 x 4, this camera to the world, as it is known now; of a lost frame, the last one that was known
-    covariance: Floats  #: 6 x 6 of T_CK, [rho, phi]; 0 if lost, and of a keyframe, whose T_CK is exact
-    #: Of a keyframe: the other one that it was aligned with, T_CK of that one, and its covariance. None for a map's first
+    map: int  #: poses of different maps are unrelated
+    keyframe: int  #: that it was aligned with; for a keyframe, itself
+    T_CK: Floats  #: 4 x 4, camera of that keyframe to this one; final, though the keyframe may still move
+    T_WC: Floats  #: 4 x 4, this camera to the world, current estimate; for a lost frame, the last known pose
+    covariance: Floats  #: 6 x 6 of T_CK, [rho, phi]; 0 if lost, and for a keyframe, whose T_CK is exact
+    #: For a keyframe: the keyframe that it was aligned with, T_CK from there, and its covariance. None for the first of a map
     origin: tuple[int, Floats, Floats] | None
-    features: int  #: of that alignment, as are the three below
+    features: int  #: in that alignment, like the next three
     visible: int
     inliers: int
     sigma: float  #: px, of its residuals
-    #: Number and time of the frame that was tracked last, which became a keyframe after all; else None
+    #: Number and time of the previous frame, if it became a keyframe afterwards; else None
     before: tuple[int, float] | None
 
     @property
     def lost(self) -> bool:
-        """There is no pose."""
+        """True if there is no pose."""
         return self.status == "lost"
 
 
 class Tracker:
-    """Visual odometry with depth: keyframes, windows of them adjusted together; docs/explain/tracking.md says how.
+    """Visual odometry with depth: keyframes, refined by windowed bundle adjustment; see docs/explain/tracking.md.
 
-    K: 3 x 3, or fx, fy, cx, cy, of undistorted images. model: "classical", the name of a model or a path. device: as of
-    ``iclk.Aligner``. solver: "device", "host" or "cpu". features: a keyframe. keyframes: held at most. window: newest that are
-    adjusted together. min_visible: a frame that sees less of its keyframe's features becomes one. readout: s from an image's
-    first row to its last, of a rolling shutter. depth_sigma: how wrong depths are, "structured-light", "stereo:PX,BASELINE",
-    "1.5%" or "rendered"; "auto" is the default. masks: frames come with masks.
+    K: 3 x 3, or fx, fy, cx, cy, of undistorted images. model: "classical", the name of a model or a path. device: as for
+    ``iclk.Aligner``. solver: "device", "host" or "cpu". features: per keyframe. keyframes: most to keep. window: newest
+    keyframes that are adjusted together. min_visible: a frame that sees a smaller share of its keyframe becomes a keyframe.
+    readout: rolling shutter, s from the first row of an image to the last. depth_sigma: error of the depths,
+    "structured-light" (default, and "auto"), "stereo:PX,BASELINE", "1.5%" or "rendered". masks: frames have masks.
 
-    The first frame says how large images are. One thread at a time. Raises ValueError for options that cannot be, and what
+    The first frame sets the image size. Use it from one thread at a time. Raises ValueError for invalid options, and what
     ``iclk.Aligner`` raises.
     """
 
@@ -88,11 +88,11 @@ class Tracker:
         return self._made
 
     def track(self, image: Any, depth: Any, stamp: float, mask: Any = None) -> TrackedFrame:
-        """Where the camera was. A frame that is lost is a status.
+        """Tracks the next frame. A frame that is lost has that status; it raises no exception.
 
-        image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, 0 or NaN where
-        there is none; or None. stamp: s, later than the frame before. mask: H x W, 0 where the image is not to be looked at.
-        Raises ValueError for an image, depth or mask of another size, and a stamp that is not finite or not later.
+        image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, 0 or NaN if
+        unknown; or None. stamp: s, later than the frame before. mask: H x W; pixels that are 0 are ignored. Raises ValueError
+        for an image, depth or mask of another size, and a stamp that is not finite or not later.
         """
         pixels = _arrays.image(image, "image")
         core = self._core_of(pixels.shape[1], pixels.shape[0])
@@ -101,18 +101,18 @@ class Tracker:
         return TrackedFrame(**core.track(float(stamp), pixels, metres, hidden))
 
     def keyframe_poses(self) -> Floats:
-        """K x 4 x 4: T_WC of all keyframes that ever were, as they are known now."""
+        """Returns T_WC of all keyframes so far, K x 4 x 4: current estimates."""
         if self._made is None:
             return np.zeros((0, 4, 4))
         poses: Floats = self._made.keyframe_poses()
         return poses
 
     def state(self) -> bytes:
-        """All that is known, some 0.5 MB a keyframe at 640x480: ``restore`` goes on from it, to the bit."""
+        """Returns the whole state, about 0.5 MB per keyframe at 640x480. ``restore`` continues from it, bit for bit."""
         return self._made.state() if self._made is not None else (self._state or b"")
 
     def restore(self, state: bytes) -> None:
-        """Into a tracker of the same camera and options. Raises ValueError for what ``state`` did not return."""
+        """Restores a state of a tracker with the same camera and options. Raises ValueError for anything else."""
         if self._made is not None:
             self._made.restore(state)
         elif state:

@@ -88,8 +88,8 @@ void doubt_depths(const View& view, const PoseOptions& options, RefinedAlignment
   const int flat = explained_by_plane(view, options, r);
   if (flat < kMore * r.inliers) return;
   r.status = Status::diverged;
-  r.reason = "the depths do not fit the images: one plane explains " + std::to_string(flat) + " features, they explain " +
-             std::to_string(r.inliers) + "; " + r.reason;
+  r.reason = "the depths do not fit the images: one plane explains " + std::to_string(flat) +
+             " features, but the depths explain " + std::to_string(r.inliers) + "; " + r.reason;
 }
 
 /// The verdict on alignment and refinement; `pose` is that of the last round. Returns false if the features contradict ICLK's

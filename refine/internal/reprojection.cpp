@@ -251,8 +251,8 @@ bool judge(std::span<const Observation> observations, const Camera& camera, cons
   }
   if (const double width = width_of(agree); !(width >= ICLK_LEAST_WIDTH * camera.height)) {
     result.status = Status::degenerate;
-    result.reason = std::to_string(result.inliers) + " features agree on the pose and lie on one line, " +
-                    std::to_string(width) + " px wide: each may slide along it";
+    result.reason = std::to_string(result.inliers) + " features agree on the pose, but they lie on one line, " +
+                    std::to_string(width) + " px wide: they may slide along it";
     return false;
   }
   result.status = ending.converged ? Status::converged : Status::max_iterations;

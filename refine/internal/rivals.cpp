@@ -344,12 +344,12 @@ void doubt_stillness(const View& view, const RefinerOptions& options, int seen, 
 }
 
 std::string rival_text(int inliers) {
-  return std::to_string(inliers) + " features agree on another pose, which explains the images as well: ";
+  return std::to_string(inliers) + " features agree on another pose, which explains the images just as well: ";
 }
 
 std::string stillness_text(int standing, int inliers, int seen) {
   return std::to_string(standing) + " features of " + std::to_string(inliers) +
-         " stand still and may be fixed to the camera, while " + std::to_string(seen) + " are seen elsewhere; ";
+         " do not move in the image and may be fixed to the camera, while " + std::to_string(seen) + " are seen elsewhere; ";
 }
 
 }  // namespace iclk::internal

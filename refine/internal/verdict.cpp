@@ -13,14 +13,14 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   std::ostringstream why;
   const auto end = [&](Status status, bool compatible = true) { return Verdict{status, why.str(), compatible}; };
   if (e.candidates < options.min_inliers && e.inliers < options.min_inliers) {
-    why << e.candidates << " features with texture inside the target, " << options.min_inliers << " needed; "
+    why << e.candidates << " features with texture are inside the target, " << options.min_inliers << " needed; "
         << summary(features);
     return end(Status::too_few_features);
   }
   const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(options.min_inlier_share * e.candidates)));
   if (e.inliers < needed) {
-    why << "the features do not confirm the pose: " << e.inliers << " agree on it, " << needed << " of " << e.candidates
-        << " with texture inside the target needed; " << summary(features);
+    why << "the features do not confirm the pose: " << e.inliers << " of " << e.candidates
+        << " with texture inside the target agree on it, " << needed << " needed; " << summary(features);
     // Enough features were found to confirm the pose, but they do not. With a first guess, the tracker decides.
     const bool refuted = !e.guessed && e.aligned >= needed && e.inliers < ICLK_REFUTED_SHARE * e.aligned;
     return end(Status::diverged, !refuted);
@@ -31,14 +31,13 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   }
   if (!(e.correction <= options.max_correction)) {
     why << "refinement moved the features by " << e.correction << " px (median), more than the " << options.max_correction
-        << " px that it may correct";
+        << " px allowed";
     return end(Status::diverged, false);
   }
   why << e.aligned << " of " << e.visible << " visible features aligned, " << e.inliers << " agree on the pose, residual sigma "
       << e.sigma << " px, " << e.rounds << (e.rounds == 1 ? " round" : " rounds");
   if (const GreyWeights& w = recolouring.weights; recolouring.better())
-    why << ", the target in the grey values " << w[0] << " R " << std::showpos << w[1] << " G " << w[2] << " B"
-        << std::noshowpos;
+    why << ", target converted to grey as " << w[0] << " R " << std::showpos << w[1] << " G " << w[2] << " B" << std::noshowpos;
   if (e.pose_status == Status::max_iterations) why << "; " << e.pose_reason;
   return end(e.pose_status);
 }

@@ -62,7 +62,7 @@ struct Keys {
 void read_kalibr(const Keys& keys, const std::string& prefix, CameraFile& file) {
   const std::string model = keys.text(prefix + "camera_model");
   if (!model.empty() && model != "pinhole")
-    fail(file.source, "key '" + prefix + "camera_model' is '" + printable(model) + "'; only pinhole cameras are known");
+    fail(file.source, "key '" + prefix + "camera_model' is '" + printable(model) + "'; only pinhole cameras are supported");
   std::vector<double> k = keys.numbers(prefix + "intrinsics", 4);
   const std::vector<double> size = keys.numbers(prefix + "resolution", 2);
   k.insert(k.end(), size.begin(), size.end());
@@ -78,9 +78,10 @@ void read_kalibr(const Keys& keys, const std::string& prefix, CameraFile& file) 
 
 /// A 3x3 camera matrix, row by row.
 std::vector<double> matrix_intrinsics(const std::vector<double>& m, const std::string& key, const std::string& source) {
-  if (m[1] != 0) fail(source, "key '" + key + "' has a skew of " + std::to_string(m[1]) + "; only cameras without are known");
+  if (m[1] != 0)
+    fail(source, "key '" + key + "' has a skew of " + std::to_string(m[1]) + "; only cameras without skew are supported");
   if (m[3] != 0 || m[6] != 0 || m[7] != 0 || m[8] != 1)
-    fail(source, "key '" + key + "' is no camera matrix fx 0 cx 0 fy cy 0 0 1, row by row");
+    fail(source, "key '" + key + "' is not a camera matrix fx 0 cx 0 fy cy 0 0 1, row by row");
   return {m[0], m[4], m[2], m[5]};
 }
 
@@ -91,10 +92,11 @@ Distortion opencv_lens(const Keys& keys, const std::vector<double>& k) {
   std::string model = keys.text("distortion_model");
   const std::string fisheye = keys.text("fisheye_model");
   if (model.empty() && !fisheye.empty()) model = fisheye == "1" ? "fisheye" : "radtan";
-  if (keys.yaml.find("xi") != nullptr) fail(keys.source, "key 'xi' is of an omnidirectional camera, which is not known");
+  if (keys.yaml.find("xi") != nullptr)
+    fail(keys.source, "key 'xi' belongs to an omnidirectional camera, which is not supported");
   if (model.empty() && k.size() == 4 && !none)
     fail(keys.source,
-         "four distortion coefficients without a model are those of a plain lens or of cv::fisheye; add a line "
+         "four distortion coefficients without a model are ambiguous (plain lens or cv::fisheye); add a line "
          "'distortion_model: plumb_bob' or 'distortion_model: equidistant' to the file");
   if (none && model != "equidistant" && model != "fisheye") return {};
   return make_distortion(model.empty() ? "radtan" : model, k, keys.source);
@@ -122,7 +124,7 @@ void read_extent(const Keys& keys, CameraFile& file) {
   const int bin_x = std::max(whole("binning_x", 1), 1), bin_y = std::max(whole("binning_y", 1), 1);
   const bool region = x > 0 || y > 0 || w > 0 || h > 0;
   if (c.width == 0 && (region || bin_x > 1 || bin_y > 1))
-    fail(file.source, "a region of interest or binning, but no width and height of the whole image");
+    fail(file.source, "a region of interest or binning needs width and height of the whole image");
   if (region && (w == 0 || h == 0 || x + w > c.width || y + h > c.height))
     fail(file.source, "the region of interest (roi) is empty or reaches beyond the image");
   file.region = region && (w != c.width || h != c.height);
@@ -173,7 +175,7 @@ CameraFile load_file(const std::string& path, const FileReader& read) {
   try {
     text = read(path, size_t{1} << 20);
   } catch (const Error& e) {
-    throw Error(e.code(), std::string(e.what()) + "; a camera is fx,fy,cx,cy[,width,height] or a file");
+    throw Error(e.code(), std::string(e.what()) + "; give fx,fy,cx,cy[,width,height] or a camera file");
   }
   if (trim(text).empty()) fail(file.source, "the file is empty");
   std::string_view first;
@@ -182,7 +184,7 @@ CameraFile load_file(const std::string& path, const FileReader& read) {
   if (read_colmap(text, file)) return file;
   if (const std::string foreign = foreign_format(text); !foreign.empty())
     fail(file.source, "this is " + foreign +
-                          ", which iclk does not read; give fx,fy,cx,cy[,width,height], or a file of Kalibr, "
+                          ", which is not supported; give fx,fy,cx,cy[,width,height], or a file of Kalibr, "
                           "EuRoC, OpenCV (YAML), ROS or COLMAP");
   if (first.find(':') == std::string_view::npos && !first.starts_with("---")) {
     read_line(text, file);
@@ -257,14 +259,14 @@ Camera fit_camera(const CameraFile& file, int width, int height) {
   } else if (camera.width != width || camera.height != height) {
     if (file.region)
       fail(file.source, "the region of interest has " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +
-                            " pixels, the image " + std::to_string(width) + "x" + std::to_string(height) +
+                            " pixels, but the image has " + std::to_string(width) + "x" + std::to_string(height) +
                             "; give the camera_info of this image, or fx,fy,cx,cy");
     // The sides of a resized image are rounded by up to a pixel.
     const double scale = static_cast<double>(width) / camera.width;
     if (std::abs(camera.height * scale - height) > 1 + scale)
       fail(file.source, "the intrinsics belong to " + std::to_string(camera.width) + "x" + std::to_string(camera.height) +
-                            ", the image is " + std::to_string(width) + "x" + std::to_string(height) +
-                            ": another aspect, so it was cropped; give the intrinsics of the cropped image");
+                            ", but the image is " + std::to_string(width) + "x" + std::to_string(height) +
+                            ", another aspect ratio: it was cropped; give the intrinsics of the cropped image");
     camera = camera.resized(width, height);
   }
   try {

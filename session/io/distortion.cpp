@@ -36,7 +36,7 @@ Distortion make_distortion(const std::string& model, std::vector<double> k, cons
     if (k.size() != 4) fail("distortion " + model + " takes 4 coefficients k1,k2,k3,k4, not " + std::to_string(k.size()));
     d.model = Distortion::Model::equidistant;
   } else {
-    fail("distortion model '" + printable(model) + "' is not known; radtan or equidistant is");
+    fail("distortion model '" + printable(model) + "' is not known; it must be radtan or equidistant");
   }
   d.k = std::move(k);
   return d;

@@ -28,7 +28,7 @@ void read_colmap_line(const std::vector<std::string>& words, CameraFile& file) {
       std::find_if(std::begin(kColmapModels), std::end(kColmapModels), [&](const auto& m) { return words[1] == m.name; });
   if (model == std::end(kColmapModels))
     fail("COLMAP's model " + printable(words[1]) +
-         " is not known; SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE and FULL_OPENCV are");
+         " is not known; it must be SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, OPENCV_FISHEYE or FULL_OPENCV");
   std::vector<double> p;
   for (size_t i = 2; i < words.size(); ++i) {
     const auto value = to_number(words[i]);
@@ -60,7 +60,7 @@ bool read_colmap(std::string_view text, CameraFile& file) {
                        words[1].front() >= 'A';
     if (first.empty() && (!named || !to_number(words[0]))) return false;
     if (!first.empty() && !std::equal(words.begin() + 1, words.end(), first.begin() + 1, first.end()))
-      throw Error(ErrorCode::invalid_argument, file.source + ": several cameras; give a file with the line of one");
+      throw Error(ErrorCode::invalid_argument, file.source + ": has several cameras; give a file with the line of one");
     if (first.empty()) read_colmap_line(words, file);
     first = words;
   }

@@ -39,7 +39,7 @@ std::string printable(std::string_view word) {
 }
 
 std::string read_file(const std::string& path, size_t max_bytes) {
-  if (path.find('\0') != std::string::npos) fail(path.c_str(), "the name holds a zero byte");
+  if (path.find('\0') != std::string::npos) fail(path.c_str(), "the name contains a zero byte");
   const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK | O_NOCTTY);
   if (file < 0) fail(path, std::strerror(errno));
   struct stat info = {};
@@ -54,7 +54,7 @@ std::string read_file(const std::string& path, size_t max_bytes) {
   for (;;) {
     if (!S_ISREG(info.st_mode) && !has_data(file)) {
       ::close(file);
-      fail(path, "a pipe or device that gave nothing for " + std::to_string(kPipePatience / 1000) + " s; give a file");
+      fail(path, "the pipe or device sent nothing for " + std::to_string(kPipePatience / 1000) + " s; give a file");
     }
     const ssize_t n = ::read(file, block, sizeof block);
     if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
@@ -117,7 +117,7 @@ std::pair<int, int> parse_size(const std::string& text, const std::string& what)
   const int width = side(view.substr(0, x)), height = x < text.size() ? side(view.substr(x + 1)) : 0;
   if (width == 0 || height == 0)
     throw Error(ErrorCode::invalid_argument,
-                what + ": WIDTHxHEIGHT expected, like 640x480, each at most 32768; not '" + printable(text) + "'");
+                what + ": must be WIDTHxHEIGHT, such as 640x480, each at most 32768; not '" + printable(text) + "'");
   return {width, height};
 }
 

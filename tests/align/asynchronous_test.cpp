@@ -66,7 +66,7 @@ TEST(Asynchronous, WhatItCannotStartIsRefused) {
   expect_refused([&] { aligner.start({&pair, 1}); }, "was never set");
   aligner.set_reference(0, s.reference());
   const Pair two[] = {pair, pair};
-  expect_refused([&] { aligner.start(two); }, "2 pairs, start() takes 1 to 1");
+  expect_refused([&] { aligner.start(two); }, "2 pairs: start() takes 1 to 1");
   expect_refused([&] { aligner.start({}); }, "0 pairs");
   EXPECT_TRUE(aligner.align(pair).converged());  // nothing of that was left behind
 }

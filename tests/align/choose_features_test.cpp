@@ -278,7 +278,7 @@ TEST(ChooseFeatures, WhatCannotBeRecordedIsRefusedByName) {
   refused(
       plain, [](DeviceReference&) {}, "needs a plan with choose_features");
   refused(
-      r.plan, [&](DeviceReference& x) { x.features = random_features(r.scene, 5); }, "5 features beside a depth image");
+      r.plan, [&](DeviceReference& x) { x.features = random_features(r.scene, 5); }, "5 features and a depth image");
   refused(
       r.plan, [](DeviceReference& x) { x.depth->view.width = 80; }, "slot 0, depth: the VkImageView is 80x120");
 }

@@ -96,19 +96,20 @@ TEST_P(Input, EveryErrorNamesItsValue) {
   };
   EXPECT_SAYS(refusal([&] { aligner->align(Pair{1, image.view(), {}, {}}); }), "pair 0: reference slot 1 was never set");
   EXPECT_EQ(reference([](Reference&) {}), "accepted");
-  EXPECT_SAYS(reference([](Reference&) {}, -1), "slot -1 is outside the plan's 0 to 1");
-  EXPECT_SAYS(reference([](Reference&) {}, 2), "slot 2 is outside the plan's 0 to 1");
+  EXPECT_SAYS(reference([](Reference&) {}, -1), "slot -1 is outside the range of the plan, 0 to 1");
+  EXPECT_SAYS(reference([](Reference&) {}, 2), "slot 2 is outside the range of the plan, 0 to 1");
   EXPECT_SAYS(reference([](Reference& r) { r.image = {}; }), "reference image is empty (0x0)");
   EXPECT_SAYS(reference([](Reference& r) { r.image.data = nullptr; }), "empty");
-  EXPECT_SAYS(reference([](Reference& r) { r.image.width = 80; }), "reference image is 80x120, the plan was made for 160x120");
+  EXPECT_SAYS(reference([](Reference& r) { r.image.width = 80; }),
+              "reference image is 80x120, but the plan was made for 160x120");
   EXPECT_SAYS(reference([](Reference& r) { r.image.height = -120; }), "160x-120");
   EXPECT_SAYS(reference([](Reference& r) { r.image.row_stride = 639; }), "row stride of 639 bytes");
   EXPECT_SAYS(reference([](Reference& r) { r.camera.fx = 0; }), "focal length");
   EXPECT_SAYS(reference([](Reference& r) { r.camera.cy = kNaN; }), "nan");
   EXPECT_SAYS(reference([](Reference& r) { r.camera.width = 320; }),
-              "camera is for 320x120 images, the reference image is 160x120");
+              "camera is for 320x120 images, but the reference image is 160x120");
   EXPECT_SAYS(reference([&](Reference& r) { r.features = random_features(scene, way() == Way::split ? 601 : 51); }),
-              "features, the plan holds");
+              "features, but the plan has room for");
   EXPECT_SAYS(reference([](Reference& r) { r.features.inverse_depth.pop_back(); }), "20 feature pixels but 19 inverse depths");
   EXPECT_SAYS(reference([](Reference& r) { r.features.inverse_depth_sigma = {0.1}; }),
               "20 feature pixels but 1 inverse depth sigmas");
@@ -137,7 +138,7 @@ TEST_P(Input, EveryErrorNamesItsValue) {
   EXPECT_SAYS(prior([](PosePrior& q) { q.T_10.t.x() = kNaN; }), "prior is not finite");
   EXPECT_SAYS(prior([](PosePrior& q) { q.information(2, 3) = kInf; }), "prior is not finite");
   EXPECT_SAYS(prior([](PosePrior& q) { q.information(2, 3) = 1; }), "not symmetric");
-  EXPECT_SAYS(prior([](PosePrior& q) { q.information(2, 2) = -1; }), "not symmetric positive semidefinite");
+  EXPECT_SAYS(prior([](PosePrior& q) { q.information(2, 2) = -1; }), "not symmetric and positive semidefinite");
 
   // After all that the aligner is as good as new.
   const Alignment a = aligner->align(Pair{0, image.view(), {}, {}});
@@ -365,7 +366,7 @@ TEST(Size, AHugeImageFitsOrIsRefusedWithNumbers) {
     } catch (const Error& error) {
       EXPECT_EQ(error.code(), ErrorCode::unsupported);
       EXPECT_SAYS(error.what(), "8192x8192");
-      EXPECT_SAYS(error.what(), "bytes, this device allows");
+      EXPECT_SAYS(error.what(), "bytes, but this device allows");
       std::printf("  %s\n", error.what());
       EXPECT_THROW(make_device_aligner(device(), plan), Error);
     }

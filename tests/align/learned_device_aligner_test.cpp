@@ -260,7 +260,7 @@ TEST(LearnedModel, WhatDoesNotFitIsRefused) {
   refused(good, options, "levels is 5");
   options = options_of(good);
   options.robust = Robust::huber;
-  refused(good, options, "robust weights cannot be combined");
+  refused(good, options, "robust weights cannot be used with this model");
   options = options_of(good);
   Model bad = good;
   bad.encoder[1][0].in = 8;

@@ -129,7 +129,7 @@ TEST(ModelFile, EveryTruncationIsAnError) {
     EXPECT_NE(refusal([&] { parse_model(std::span(bytes).first(n), "m"); }), "no error") << n << " bytes";
   std::vector<uint8_t> longer = bytes;
   longer.push_back(0);
-  expect_refused(longer, {"bytes of data, its tensors describe"});
+  expect_refused(longer, {"bytes of data, but its tensors describe"});
 }
 
 TEST(ModelFile, HeadersThatLie) {
@@ -145,8 +145,8 @@ TEST(ModelFile, HeadersThatLie) {
   expect_refused(file("{}", 0, std::numeric_limits<uint64_t>::max()), {"18446744073709551615"});
   expect_refused(file(std::string(1 << 19, ' '), 0, 1 << 19), {"header of 524288 bytes"});
   expect("", 0, {"the end instead of a value"});
-  expect("[]", 0, {"no JSON object"});
-  expect(std::string(3000, '['), 0, {"less deeply nested", "at most 4 levels"});
+  expect("[]", 0, {"not a JSON object"});
+  expect(std::string(3000, '['), 0, {"nested at most 4 levels deep"});
   const auto entry = [](const std::string& inside) { return "{\"a\":{" + inside + "}}"; };
   expect(entry(R"("dtype":"F16","shape":[2],"data_offsets":[0,4])"), 4, {"'a'", "'F16'", "single precision"});
   expect(entry(R"("dtype":"BF16","shape":[2],"data_offsets":[0,4])"), 4, {"'BF16'"});
@@ -158,14 +158,13 @@ TEST(ModelFile, HeadersThatLie) {
   expect(entry(R"("dtype":"F32","shape":[-1],"data_offsets":[0,4])"), 8, {"-1"});
   expect(entry(R"("dtype":"F32","shape":[1.5],"data_offsets":[0,4])"), 8, {"1.5"});
   expect(entry(R"("dtype":"F32","shape":[1,1,1,1,1,1,1,1,1],"data_offsets":[0,4])"), 4, {"at most 8"});
-  expect(entry(R"("dtype":"F32","shape":[400,400,400,400,400,400,400,400],"data_offsets":[0,4])"), 400,
-         {"than can be counted"});
+  expect(entry(R"("dtype":"F32","shape":[400,400,400,400,400,400,400,400],"data_offsets":[0,4])"), 400, {"too many elements"});
   expect(entry(R"("dtype":"F32","shape":[1])"), 4, {"dtype, shape and data_offsets"});
   expect(entry(R"("dtype":"F32","shape":[1],"data_offset":[0,4])"), 4, {"has no data_offsets"});
   const std::string four = R"({"dtype":"F32","shape":[1],"data_offsets":[0,4]})";
   expect("{\"a\":" + four + ",\"b\":" + four + "}", 4, {"'b'", "inside the tensor before it"});
-  expect("{\"a\":" + four + ",\"a\":" + four + "}", 4, {"'a' stands twice"});
-  expect(R"({"__metadata__":{"format":1}})", 0, {"'format' is no text"});
+  expect("{\"a\":" + four + ",\"a\":" + four + "}", 4, {"'a' appears twice"});
+  expect(R"({"__metadata__":{"format":1}})", 0, {"'format' must be a string"});
 }
 
 /// The file of a good model after a change to its content.
@@ -195,7 +194,7 @@ TEST(ModelFile, MetadataMustFit) {
   expect_refused(with_metadata("name", "\x1b[2J"), {"name", "control characters"});
   expect_refused(with_metadata("input_channels", "2"), {"input_channels must be 3 (RGB) or 1"});
   expect_refused(with_metadata("mean", "[1,2]"), {"'mean' must be a list of 3"});
-  expect_refused(with_metadata("mean", "[1,2,\"3\"]"), {"'mean' must hold numbers"});
+  expect_refused(with_metadata("mean", "[1,2,\"3\"]"), {"'mean' must have numbers"});
   expect_refused(with_metadata("mean", "[1,2,1e400]"), {"'mean'", "double precision"});
   expect_refused(with_metadata("std", "[1,1,0]"), {"std of channel 2 is 0"});
   expect_refused(with_metadata("iterations", "0"), {"iterations is 0", "1 to 100"});
@@ -210,7 +209,7 @@ TEST(ModelFile, MetadataMustFit) {
   expect_refused(with_metadata("encoder_channels", "[[2,3],[4096]]"), {"4096", "1024"});
   expect_refused(with_metadata("encoder_channels", "[[2,3],[]]"), {"1 to 16 numbers"});
   expect_refused(with_metadata("encoder_channels", "[]"), {"1 to 12 lists"});
-  expect_refused(with_metadata("encoder_channels", "[[[2]]]"), {"less deeply nested"});
+  expect_refused(with_metadata("encoder_channels", "[[[2]]]"), {"nested at most "});
   expect_refused(with_metadata("encoder_dilations", "[[1,0],[1]]"), {"dilation of encoder level 0 layer 1 is 0"});
   expect_refused(with_metadata("m_estimator_channels", "[4,8,16,2]"), {"m_estimator.3.weight", "2x16x3x3"});
 }
@@ -218,7 +217,10 @@ TEST(ModelFile, MetadataMustFit) {
 TEST(ModelFile, TensorsMustBeThoseOfTheArchitecture) {
   expect_refused(changed([](Safetensors& file) { file.tensors.erase(file.tensors.begin() + 2); }),
                  {"'encoder.1.weight' of shape 3x2x3x3 is missing"});
-  expect_refused(changed([](Safetensors& file) { file.tensors.push_back({"extra", {1}, {0}}); }), {"'extra'", "no layer"});
+  expect_refused(changed([](Safetensors& file) {
+                   file.tensors.push_back({"extra", {1}, {0}});
+                 }),
+                 {"'extra'", "none of the layers"});
   expect_refused(changed([](Safetensors& file) { file.tensors[1].data[0] = NAN; }), {"encoder level 0 layer 0", "NaN"});
   expect_refused(changed([](Safetensors& file) {
                    file.tensors[0].shape = {3, 2, 3, 3};

@@ -300,18 +300,19 @@ TEST(Recording, WhatCannotBeRecordedIsRefusedByName) {
   };
   const auto foreign = [](DeviceImage& i) -> ForeignImage& { return std::get<ForeignImage>(i); };
 
-  expect(refused([&](References&, Pairs& p) { p.push_back(pair); }), "2 pairs, the recording holds 1 to 1");
+  expect(refused([&](References&, Pairs& p) { p.push_back(pair); }), "2 pairs: the recording allows 1 to 1");
   expect(refused([&](References&, Pairs& p) { p.clear(); }), "0 pairs");
-  expect(refused([&](References& r, Pairs&) { r[0].slot = 1; }), "slot 1 is outside the plan's 0 to 0");
+  expect(refused([&](References& r, Pairs&) { r[0].slot = 1; }), "slot 1 is outside the range of the plan, 0 to 0");
   expect(refused([&](References&, Pairs& p) { p[0].reference = -1; }), "slot -1");
   expect(refused([&](References& r, Pairs&) { r.clear(); }), "slot 0 was never set");
   expect(refused([&](References& r, Pairs&) { r[0].camera.width = 161; }), "161x120");
   expect(refused([&](References& r, Pairs&) { r[0].camera.fx = 0; }), "focal length");
-  expect(refused([&](References& r, Pairs&) { r[0].features = random_features(scene, 51); }), "51 features, the plan holds 50");
+  expect(refused([&](References& r, Pairs&) { r[0].features = random_features(scene, 51); }),
+         "51 features, but the plan has room for 50");
   expect(refused([&](References& r, Pairs&) { foreign(r[0].image).handle = VK_NULL_HANDLE; }), "VkImage is null");
   expect(refused([&](References&, Pairs& p) { foreign(p[0].target).handle = VK_NULL_HANDLE; }),
          "pair 0, target: the VkImage is null");
-  expect(refused([&](References&, Pairs& p) { foreign(p[0].target).width = 80; }), "80x120, the plan was made for 160x120");
+  expect(refused([&](References&, Pairs& p) { foreign(p[0].target).width = 80; }), "80x120, but the plan was made for 160x120");
   expect(refused([&](References&, Pairs& p) { foreign(p[0].target).format = VK_FORMAT_B8G8R8A8_UNORM; }),
          "not the plan's pixel format");
   expect(refused([&](References&, Pairs& p) { p[0].target = DeviceBufferImage{}; }), "VkBuffer is null");
@@ -330,7 +331,7 @@ TEST(Recording, WhatCannotBeRecordedIsRefusedByName) {
     return refused([&](References&, Pairs& p) { p[0].target = DeviceBufferImage{memory[id].handle, size, offset, row}; });
   };
   expect(buffer(kBytes - 4, 0, 0), "needs 76800");
-  expect(buffer(kBytes, 4, 0), "76800 bytes, the image at offset 4 (a multiple of 4) needs 76804");
+  expect(buffer(kBytes, 4, 0), "76800 bytes, but the image at offset 4 (a multiple of 4) needs 76804");
   expect(buffer(kBytes, 2, 0), "multiple of 4");
   expect(buffer(kBytes, 0, 159), "rows of 159 pixels");
   expect(buffer(kBytes, 0, 161), "needs");

@@ -137,8 +137,8 @@ TEST(RecordingViews, WhatCannotBeRecordedIsRefusedByName) {
     }
   };
   refused([](DeviceImageView& v) { v.view = VK_NULL_HANDLE; }, "pair 0, target: the VkImageView is null");
-  refused([](DeviceImageView& v) { v.width = 80; }, "80x120, the plan was made for 160x120");
-  refused([](DeviceImageView& v) { v.layout = VK_IMAGE_LAYOUT_UNDEFINED; }, "undefined layout");
+  refused([](DeviceImageView& v) { v.width = 80; }, "80x120, but the plan was made for 160x120");
+  refused([](DeviceImageView& v) { v.layout = VK_IMAGE_LAYOUT_UNDEFINED; }, "VK_IMAGE_LAYOUT_UNDEFINED");
   host.end();
 }
 

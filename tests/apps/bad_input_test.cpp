@@ -78,7 +78,8 @@ TEST_P(BadInput, MissingOrUnreadableFiles) {
     expect_refused(align_with({{what, out_.path("")}}), kIo, {"folder"});
   }
   for (const char* what : {"a.png", "b.png", "d.png"}) {
-    expect_refused(align_with({{what, out_.write("text.png", "hello")}}), kIo, {"text.png", "not an image"});
+    expect_refused(align_with({{what, out_.write("text.png", "hello")}}), kIo,
+                   {"text.png", "a format that OpenCV cannot read"});
     expect_refused(align_with({{what, out_.write("cut.png", cut)}}), kIo, {"cut.png", "truncated"});
     expect_refused(align_with({{what, out_.write("empty.png", "")}}), kIo, {"empty.png", "empty"});
   }
@@ -93,7 +94,8 @@ TEST_P(BadInput, APipeThatNobodyWritesTo) {
 TEST_P(BadInput, SizesThatDiffer) {
   cv::imwrite(out_.path("small.png"), cv::Mat(120, 160, CV_8UC3, cv::Scalar(1, 2, 3)));
   cv::imwrite(out_.path("small_depth.png"), cv::Mat(120, 160, CV_16UC1, cv::Scalar(5000)));
-  expect_refused(align_with({{"b.png", out_.path("small.png")}}), kBadInput, {"small.png is 160x120", "320x240", "one size"});
+  expect_refused(align_with({{"b.png", out_.path("small.png")}}), kBadInput,
+                 {"small.png is 160x120", "320x240", "the same size"});
   expect_refused(align_with({{"d.png", out_.path("small_depth.png")}}), kBadInput, {"small_depth.png is 160x120", "320x240"});
   expect_refused(align_with({{"--camera", camera_ + ",640,400"}}), kBadInput, {"640x400", "320x240", "give the intrinsics"});
 }
@@ -140,7 +142,7 @@ TEST_P(BadInput, FeaturesOutsideOnTheBorderNotFiniteWithoutDepth) {
 TEST_P(BadInput, ADepthImageWithoutAValidPixel) {
   cv::imwrite(out_.path("zero.png"), cv::Mat::zeros(240, 320, CV_16UC1));
   cv::imwrite(out_.path("nan.tiff"), cv::Mat(240, 320, CV_32FC1, cv::Scalar(NAN)));
-  const std::vector<std::string> pieces = {"no pixel with depth", "is it the depth image"};
+  const std::vector<std::string> pieces = {"has no depth", "give the depth image of the reference"};
   expect_refused(align_with({{"d.png", out_.path("zero.png")}}), kBadInput, pieces);
   expect_refused(align_with({{"d.png", out_.path("nan.tiff")}, {"--depth-scale", "1"}}), kBadInput, pieces);
 }

@@ -31,7 +31,7 @@ class BatchChanges : public test::Batch {
     options.insert(options.end(), {"--retry", "changed"});
     Process process(batch(manifest_, results_, options));
     ASSERT_EQ(process.wait(), 0) << process.err();
-    EXPECT_NE(process.err().find(std::to_string(ids.size()) + " of 3 results are made again"), std::string::npos)
+    EXPECT_NE(process.err().find(std::to_string(ids.size()) + " of 3 results are computed again"), std::string::npos)
         << process.err();
     const std::map<std::string, std::string> after = lines_of_results();
     ASSERT_EQ(after.size(), 3u);

@@ -160,7 +160,7 @@ TEST_F(Batch, APairThatIsLargerThanTheMemoryIsRefused) {
   EXPECT_EQ(r.at("x")["status"], "converged");
   EXPECT_EQ(r.at("y")["status"], "converged");
   const std::string reason = r.at("bomb")["reason"];
-  for (const char* piece : {"bomb.jsonl:2", "bomb.png (3000x3000)", "138 MiB", "the 64 of --memory", "give --memory 138"})
+  for (const char* piece : {"bomb.jsonl:2", "bomb.png (3000x3000)", "138 MiB", "--memory is 64 MiB", "give --memory 138"})
     EXPECT_NE(reason.find(piece), std::string::npos) << piece << " in " << reason;
   const Results pixels = run(m, out.path("p.jsonl"), {"--set", "max-pixels=8999999"}, 20);
   EXPECT_NE(pixels.at("bomb")["reason"].get<std::string>().find("bomb.png is 3000x3000"), std::string::npos);
@@ -262,7 +262,7 @@ TEST_F(Batch, ASecondSignalLeavesAtOnce) {
   Process process(batch(manifest("stuck.jsonl", {line("x", "a").dump(), stuck.dump()}), r));
   ASSERT_TRUE(wait_until([&] { return count_lines(r) == 2 || process.ended(); }));
   process.signal(SIGINT);
-  ASSERT_TRUE(wait_until([&] { return process.err().find("once more") != std::string::npos; })) << process.err();
+  ASSERT_TRUE(wait_until([&] { return process.err().find("a second signal") != std::string::npos; })) << process.err();
   EXPECT_FALSE(process.ended());
   process.signal(SIGINT);
   EXPECT_EQ(process.wait(), 130);

@@ -115,7 +115,7 @@ TEST_F(DepthCommand, BadInputIsSaid) {
   };
   refused({"--depth-range", "1,9"}, 3, "--pose");
   refused({"--pose", truth_}, 3, "--depth-range");
-  refused({"--pose", truth_, "--depth-range", "9,1"}, 3, "near end");
+  refused({"--pose", truth_, "--depth-range", "9,1"}, 3, "near must be above 0");
   refused({"--pose", truth_, "--depth-range", "one"}, 3, "NEAR,FAR");
   refused({"--pose", "0 0 0 0 0 0 1", "--depth-range", "1,9"}, 3, "baseline");
   refused({"--pose", truth_, "--depth-range", "1,9", "--planes", "7"}, 3, "planes");

@@ -104,7 +104,7 @@ TEST(ForeignCamera, OthersAreNamed) {
 
 TEST(Intrinsics, OverTheImagesSidesAreRefused) {
   expect_error([] { fit_camera(load_camera("0.9375,1.25,0.4984,0.4979"), 320, 240); }, ErrorCode::invalid_argument,
-               {"0.9375", "320x240", "times the width"});
+               {"0.9375", "320x240", "by the width"});
   EXPECT_NO_THROW(fit_camera(load_camera("64,64,159.5,119.5"), 320, 240));
 }
 

@@ -150,7 +150,7 @@ TEST(Flights, ARollingShutterIsWhatTrackUnrolls) {
                    "--camera", "280,280,159.5,119.5"}));
   const auto error = [&](const char* readout) {
     const std::string said = run({"track", out, "--depth-sigma", "0.1%", "--count", "100", "--readout", readout});
-    EXPECT_EQ(said.find("--readout auto looks for it") != std::string::npos, std::string(readout) == "0") << said;
+    EXPECT_EQ(said.find("--readout auto estimates it") != std::string::npos, std::string(readout) == "0") << said;
     return number_after(said.substr(said.find("adjusted")), "), ");  // % of the way
   };
   const double right = error("50"), wrong = error("0");

@@ -138,7 +138,7 @@ TEST_F(Learned, SeveralModelsAreNotMeasuredAsOne) {
   if (!test::has_program("iclk-bench")) GTEST_SKIP() << "no iclk-bench";
   const Finished bench = run({"bench", "--model", "auto", "--pairs", "1"});
   EXPECT_EQ(bench.code, kBadInput);
-  EXPECT_NE(bench.err.find("--model auto is several models"), std::string::npos) << bench.err;
+  EXPECT_NE(bench.err.find("--model auto runs several models"), std::string::npos) << bench.err;
 }
 
 TEST_F(Learned, OptionsGoBeforeTheModelsOwn) {

@@ -88,7 +88,7 @@ TEST(ModelInfo, BadInputHasItsCode) {
   expect({"model", "info", good, "--size", "5x5"}, kBadInput, "at least 6x6");
   expect({"model", "info", folder.path("none.safetensors")}, kIo, "none.safetensors");
   expect({"model", "info", "no_such_model"}, kIo, "no_such_model");
-  expect({"model", "info", folder.path("")}, kIo, "it is no file");
+  expect({"model", "info", folder.path("")}, kIo, "it is not a file");
   const std::string text = folder.write("text.safetensors", "I am no model, only a line of text");
   expect({"model", "info", text}, kBadInput, "text.safetensors");
   const std::string cut = folder.write("cut.safetensors", test::bytes_of(good).substr(0, 1500));

@@ -202,7 +202,7 @@ TEST(Pairs, NoRoomIsSaid) {
   options = small_options();
   options.start_min = 5000;
   PairSource nowhere(renderer, options);
-  expect_error([&] { nowhere.draw(0); }, ErrorCode::invalid_argument, {"because of where they start", "starts"});
+  expect_error([&] { nowhere.draw(0); }, ErrorCode::invalid_argument, {"because of --start", "another --start"});
 }
 
 }  // namespace

@@ -369,8 +369,8 @@ TEST(Renderer, RefusesWhatCannotBe) {
   };
   refused([](Terrain& t) { t.height[7] = -32768; }, {"-32768", "nodata"});
   refused([](Terrain& t) { t.height[7] = INFINITY; }, {"inf"});
-  refused([](Terrain& t) { t.height.assign(400, NAN); }, {"no height"});
-  refused([](Terrain& t) { t.rgba.assign(400, 0); }, {"no pixel"});
+  refused([](Terrain& t) { t.height.assign(400, NAN); }, {"elevation has no data at any pixel"});
+  refused([](Terrain& t) { t.rgba.assign(400, 0); }, {"mosaic has no data at any pixel"});
   refused([](Terrain& t) { t.mosaic.left += 500; }, {"overlap", "x 500 to 600", "gdalwarp"});
   refused([](Terrain& t) { t.relief.step_y = -5; }, {"-5"});
   refused([](Terrain& t) { t.height.pop_back(); }, {"399"});

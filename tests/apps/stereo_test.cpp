@@ -136,7 +136,7 @@ TEST_F(Stereo, WithoutDepthTheBaselineKeepsItsLength) {
   const Finished f = run({"stereo", "--left", knocked() + "/left", "--right", knocked() + "/right", "--distance", "22",
                           "--calibration", knocked() + ".yaml", "--out", out});
   ASSERT_EQ(f.code, 0) << f.err << f.out;
-  EXPECT_NE(f.out.find("scale      from prior"), std::string::npos) << f.out;
+  EXPECT_NE(f.out.find("scale      from the old calibration"), std::string::npos) << f.out;
   const SE3 found = load_stereo(out + "/knocked.yaml").T_rl;
   EXPECT_NEAR(found.t.norm(), kOld.t.norm(), 5e-3);
   EXPECT_LT(nlohmann::json::parse(bytes_of(out + "/result.json")).at("epipolar_after_px"), 0.3);
@@ -295,7 +295,7 @@ TEST_F(Stereo, GarbageGivesNoCalibration) {
   const std::string left = knocked() + "/left", chain = own.write("chain.yaml", text);
   const Finished same = run({"stereo", "--left", left, "--right", left, "--distance", "22", "--calibration", chain});
   EXPECT_EQ(same.code, 3);
-  EXPECT_NE(same.err.find("are one image"), std::string::npos) << same.err;
+  EXPECT_NE(same.err.find("are the same image"), std::string::npos) << same.err;
   // One pair of five shows the same ground.
   std::string lines;
   const auto file = [](const char* key, const char* name, int i, const char* ending) {

@@ -132,7 +132,7 @@ TEST(TrackEuroc, BrokenRecordingsAreNamed) {
   folder.write("cam1/data.csv", "soon,a.png\n");
   expect_error([&] { load_euroc_sequence(folder.path("")); }, ErrorCode::invalid_argument, {"data.csv:1", "soon"});
   folder.write("cam1/data.csv", "2000000,a.png\n");
-  expect_error([&] { load_euroc_sequence(folder.path("")); }, ErrorCode::invalid_argument, {"same moment"});
+  expect_error([&] { load_euroc_sequence(folder.path("")); }, ErrorCode::invalid_argument, {"same time"});
   // Cameras that stand behind each other.
   folder.write("cam1/data.csv", "1,a.png\n");
   for (const char* name : {"cam0", "cam1"}) {

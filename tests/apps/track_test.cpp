@@ -78,7 +78,7 @@ TEST(Track, AHandHeldCameraWithItsShutter) {
   ASSERT_EQ(f.code, 0) << f.err;
   EXPECT_LT(number_after(f.out, "adjusted", "ATE "), 1.6) << f.out;
   EXPECT_LT(number_after(f.out, "adjusted", "30 frames "), 3) << f.out;
-  EXPECT_NEAR(number_after(f.out, "shutter", "read in "), 28, 5) << f.out;
+  EXPECT_NEAR(number_after(f.out, "shutter", "readout of "), 28, 5) << f.out;
   EXPECT_LT(number_after(f.out, "of them not confirmed by features, ", "features, "), 15) << f.out;
 }
 
@@ -165,7 +165,7 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
 
   const Finished f = run(command(killed));
   ASSERT_EQ(f.code, 0) << f.err;
-  EXPECT_NE(f.out.find("continued  behind "), std::string::npos) << f.out;
+  EXPECT_NE(f.out.find("continued  after "), std::string::npos) << f.out;
   EXPECT_NE(f.out.find("depth      30 frames"), std::string::npos) << f.out;
   for (const char* name : {"trajectory.txt", "trajectory_kitti.txt", "keyframes.txt", "live.txt", "map.ply", "path.png"})
     EXPECT_EQ(bytes_of(killed + "/" + name), bytes_of(whole + "/" + name)) << name;

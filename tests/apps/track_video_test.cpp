@@ -82,7 +82,7 @@ TEST_F(TrackVideo, WithDepthImagesAndWithTheFirstAlone) {
   ASSERT_EQ(first.code, 0) << first.err;
   EXPECT_NE(first.out.find("16 tracked"), std::string::npos) << first.out;
   EXPECT_LT(error(out.path("first/trajectory.txt")), 1);
-  EXPECT_NE(first.out.find("depth      15 frames have none"), std::string::npos) << first.out;
+  EXPECT_NE(first.out.find("depth      15 frames have no depth image"), std::string::npos) << first.out;
   for (const char* name : {"all", "first"}) expect_lines_of("frame-1.json", out.path(std::string(name) + "/frames.jsonl"));
 }
 
@@ -106,8 +106,8 @@ TEST_F(TrackVideo, WhatIsNoVideoIsSaid) {
     EXPECT_EQ(f.code, code) << f.err;
     EXPECT_NE(f.err.find(words), std::string::npos) << f.err;
   };
-  refused(folder.write("empty.mp4", ""), {"--depth", depths()}, 4, "an empty file");
-  refused(folder.write("text.mp4", "no video\n"), {"--depth", depths()}, 4, "no video that can be read");
+  refused(folder.write("empty.mp4", ""), {"--depth", depths()}, 4, "the file is empty");
+  refused(folder.write("text.mp4", "no video\n"), {"--depth", depths()}, 4, "cannot be read as a video");
   const std::string bytes = bytes_of(video());
   refused(folder.write("head.avi", bytes.substr(0, 500)), {"--depth", depths()}, 4, "head.avi");
   refused(video(), {}, 3, "--depth");
@@ -123,7 +123,7 @@ TEST_F(TrackVideo, WhatIsNoVideoIsSaid) {
   const Finished cut =
       run(command(folder.write("cut.avi", bytes.substr(0, bytes.size() / 2)), {"--depth", depths() + "/0.tiff"}));
   if (cut.code == 0) {
-    EXPECT_NE(cut.err.find("cut off"), std::string::npos) << cut.err;
+    EXPECT_NE(cut.err.find("may be truncated"), std::string::npos) << cut.err;
     EXPECT_EQ(cut.out.find("frames     16"), std::string::npos) << cut.out;
   } else {
     EXPECT_EQ(cut.code, 4) << cut.err;

@@ -369,7 +369,7 @@ TEST(DepthSweep, HostileInputIsRefusedWithItsName) {
   bad = good, bad.T_10.t.x() = std::nan("");
   refused(bad, kRange, "pose of view 0");
   bad = good, bad.T_10.R *= 2;
-  refused(bad, kRange, "no rotation");
+  refused(bad, kRange, "not a rotation");
   bad = good, bad.T_10.t.setZero();
   refused(bad, kRange, "baseline");
   refused(good, {5, 1}, "range");

@@ -142,7 +142,7 @@ TEST(Memory, APlanBeyondTheHeapIsRefusedBeforeItIsAllocated) {
     FAIL();
   } catch (const Error& error) {
     EXPECT_EQ(error.code(), ErrorCode::unsupported);
-    EXPECT_NE(std::string(error.what()).find("memory heap has"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("memory heap of the device has"), std::string::npos) << error.what();
   }
 }
 

@@ -84,7 +84,7 @@ def test_features_of_any_kind(small: Scene) -> None:
         (np.asfortranarray(small.uv), small.z),
     ):
         np.testing.assert_array_equal(answer(small, small.reference, small.target, uv, z), expected)
-    with pytest.raises(ValueError, match="numbers are wanted"):
+    with pytest.raises(ValueError, match="it must be numbers"):
         answer(small, small.reference, small.target, small.uv.astype(str), small.z)
 
 

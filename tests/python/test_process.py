@@ -177,7 +177,7 @@ def test_a_forked_worker_makes_its_own(device: str | None) -> None:
     out, error = child.communicate(timeout=120)
     assert child.returncode == 0, error
     message, status = out.splitlines()
-    assert "before the process was forked" in message and "make one in the worker" in message and status == "0"
+    assert "before the process was forked" in message and "make it in the worker" in message and status == "0"
 
 
 def test_without_vulkan_the_cpu_works(tmp_path: Path) -> None:

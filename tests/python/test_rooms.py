@@ -82,9 +82,9 @@ def test_a_depth_map_is_that_of_the_plane() -> None:
     for wrong, words in (
         ({}, "near and far"),
         ({"near": -1.0}, "positive"),
-        ({"far": 3.0}, "without near"),
+        ({"far": 3.0}, "far needs near"),
         ({"near": 6.0, "far": 3.0}, "far|near"),
-        ({"near": 3.0, "uv": s.uv}, "go together"),
+        ({"near": 3.0, "uv": s.uv}, "both uv and depth"),
         ({"near": 3.0, "device": "cpu"}, "Vulkan"),
         ({"near": 3.0, "planes": 7}, "planes"),
     ):

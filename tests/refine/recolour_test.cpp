@@ -176,7 +176,7 @@ TEST_P(RecolouredTarget, IsSeenInTheGreyValuesOfTheReference) {
   EXPECT_TRUE(with[1].recolouring.better());
   EXPECT_LT(angle(with[1].recolouring.weights, mixed_luma()), 0.03);
   EXPECT_LT(with[1].recolouring.unexplained, 0.1);
-  EXPECT_NE(with[1].reason.find("grey values"), std::string::npos) << with[1].reason;
+  EXPECT_NE(with[1].reason.find("converted to grey"), std::string::npos) << with[1].reason;
   // As near as where no colour was changed.
   EXPECT_LT(bench.error(with[1]), 2 * bench.error(with[0]));
   EXPECT_GT(bench.error(luma[1]), 3 * bench.error(with[1]));
@@ -184,7 +184,7 @@ TEST_P(RecolouredTarget, IsSeenInTheGreyValuesOfTheReference) {
   EXPECT_EQ(with[0].recolouring.weights, kLuma);
   EXPECT_EQ(luma[1].recolouring.weights, kLuma);
   EXPECT_LT(bench.error(bench.refine({&bench.mixed})[0]), 0.5 * bench.error(luma[1]));  // three rounds
-  EXPECT_EQ(with[0].reason.find("grey values"), std::string::npos) << with[0].reason;
+  EXPECT_EQ(with[0].reason.find("converted to grey"), std::string::npos) << with[0].reason;
 }
 
 TEST_P(RecolouredTarget, EveryPairOfABatchHasItsOwnAndNoneIsKept) {

@@ -92,7 +92,7 @@ TEST(Rig, WithoutMetricDepthsTheBaselineKeepsItsLength) {
   const RigResult r = estimate_rig(*aligner, scenes.camera(), scenes.pairs, kOld, options);
   ASSERT_TRUE(r.usable) << r.reason;
   EXPECT_TRUE(r.scale_from_prior);
-  EXPECT_NE(r.reason.find("scale from prior"), std::string::npos);
+  EXPECT_NE(r.reason.find("scale from the old calibration"), std::string::npos);
   EXPECT_NEAR(r.T_rl.t.norm(), 0.2, 1e-3);
   EXPECT_LT(degrees(r.T_rl, shocked()), 0.15);
   EXPECT_LT(r.epipolar_after, 0.15);

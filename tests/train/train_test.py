@@ -85,7 +85,7 @@ class Training(unittest.TestCase):
     def test_a_test_on_trained_images_is_refused(self):
         copy = shutil.copytree(self.set, self.file('copy'))
         why = self.refused('run', '--recipe', self.recipe, '--data', self.set, '--test', copy, '--out', self.file('refused'))
-        self.assertIn('which is trained on', why)
+        self.assertIn('which is used for training', why)
 
     def test_a_killed_run_ends_with_the_same_weights(self):
         arguments = [*self.arguments, '--out', self.file('killed'), '--checkpoint-every', '1']
@@ -106,7 +106,7 @@ class Training(unittest.TestCase):
             file.write(b'PK half a file')
         done = train(*arguments)
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn('going on at step', done.stderr)
+        self.assertIn('continuing at step', done.stderr)
         state = load_checkpoint(path)
         for key in ('step', 'network', 'optimizer', 'best', 'baselines'):
             self.assertTrue(equal(self.state[key], state[key]), key)
@@ -129,7 +129,7 @@ class Training(unittest.TestCase):
                     os.killpg(process.pid, signal.SIGTERM)
             self.assertEqual(process.wait(), 6, said)
             process.stderr.close()
-            self.assertIn('the same command goes on', said)
+            self.assertIn('the same command continues', said)
             self.assertNotIn('Traceback', said)
             self.assertIn(load_checkpoint(self.file(name + '/checkpoint.pt'))['step'], range(24))
 
@@ -283,9 +283,9 @@ class Training(unittest.TestCase):
             with open(manifest, 'w', encoding='utf-8') as file:
                 file.writelines(changed)
             return self.refused(*run)
-        self.assertIn('pairs.jsonl:3: no JSON', with_lines(*lines[:2], lines[2][:100]))
+        self.assertIn('pairs.jsonl:3: not a JSON object', with_lines(*lines[:2], lines[2][:100]))
         self.assertIn("'truth' is missing", with_lines(lines[0].replace('"truth"', '"meta"'), *lines[1:]))
-        self.assertIn('no pair', with_lines())
+        self.assertIn('no pairs', with_lines())
         with_lines_of_all = ''.join(lines)
         with open(manifest, 'w', encoding='utf-8') as file:
             file.write(with_lines_of_all)
@@ -340,7 +340,7 @@ class Training(unittest.TestCase):
         self.assertIn('cut/checkpoint.pt cannot be read', said)
         self.assertIn('checkpoint.previous.pt', said)
         os.remove(os.path.join(folder, 'checkpoint.previous.pt'))
-        self.assertIn('begin anew', self.refused(*self.arguments, '--out', folder))
+        self.assertIn('start again', self.refused(*self.arguments, '--out', folder))
         self.assertIn('no checkpoint', self.refused('export', self.folder, '--out', self.file('x.safetensors')))
 
     def test_a_missing_module_is_named(self):

@@ -36,7 +36,7 @@ class Reader {
   explicit Reader(std::span<const uint8_t> bytes) : bytes_(bytes) {}
 
   void raw(void* data, size_t size) {
-    if (size > bytes_.size()) throw Error(ErrorCode::invalid_argument, "a tracker's state is cut short");
+    if (size > bytes_.size()) throw Error(ErrorCode::invalid_argument, "the saved tracker state is truncated");
     if (size > 0) std::memcpy(data, bytes_.data(), size);
     bytes_ = bytes_.subspan(size);
   }
@@ -77,7 +77,7 @@ template <class Stream>
 size_t archive_size(Stream& s, size_t size) {
   uint64_t n = size;
   archive(s, n);
-  if (Stream::kReads && n > s.left()) throw Error(ErrorCode::invalid_argument, "a tracker's state is cut short");
+  if (Stream::kReads && n > s.left()) throw Error(ErrorCode::invalid_argument, "the saved tracker state is truncated");
   return static_cast<size_t>(n);
 }
 
@@ -85,7 +85,8 @@ template <class Stream, class T>
 void archive(Stream& s, std::vector<T>& values) {
   const size_t n = archive_size(s, values.size());
   if constexpr (Plain<T>) {
-    if (Stream::kReads && n > s.left() / sizeof(T)) throw Error(ErrorCode::invalid_argument, "a tracker's state is cut short");
+    if (Stream::kReads && n > s.left() / sizeof(T))
+      throw Error(ErrorCode::invalid_argument, "the saved tracker state is truncated");
     if constexpr (Stream::kReads) values.resize(n);
     s.raw(values.data(), n * sizeof(T));
   } else {

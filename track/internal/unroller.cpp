@@ -80,7 +80,7 @@ bool Unroller::pose_with(const Eigen::Vector3d& now, const Keyframe& k, Found& f
   a.covariance = pose.covariance;
   a.inliers = pose.inliers;
   a.sigma = pose.sigma;
-  a.reason = pose.reason + ", unrolled anew";
+  a.reason = pose.reason + ", unrolled again";
   if (!judge_.confirmed(a)) return false;
   found.alignment = std::move(a);
   return true;

@@ -23,13 +23,13 @@ struct BenchCommand {
 };
 
 const char* const kBenchFooter =
-    "Measures ms a pair of every solver and of OpenCV's RgbdOdometry, on images made in code. A call takes references and\n"
-    "targets in host memory and returns poses in host memory. Compilation and allocation come before the first call and do\n"
-    "not count. The aligner has its defaults.\n"
-    "With a learned --model: its time by stage, for whole pairs, for targets against a reference that is already set\n"
-    "(keyframe), and with search and refinement.\n"
-    "cpu time is the processor time of all threads of this process. Other work on the machine hardly disturbs it.\n"
-    "`iclk eval --baselines` compares the errors of iclk and of other methods.\n"
+    "Measures the time per pair of every solver and of OpenCV's RgbdOdometry, on synthetic images, with default settings.\n"
+    "A call takes references and targets in host memory and returns poses in host memory. Compilation and allocation happen\n"
+    "before the first call and are not counted.\n"
+    "A learned --model also gets its time by stage: for whole pairs, for targets of a prepared reference (keyframe), and with\n"
+    "search and refinement.\n"
+    "cpu time is the processor time of all threads of this process; other work on the machine hardly affects it.\n"
+    "`iclk eval --baselines` compares errors instead.\n"
     "\n"
     "Examples:\n"
     "  iclk bench\n"
@@ -43,7 +43,7 @@ void run(BenchCommand& command, int& exit) {
   command.session.stages = make_stages(command.session);
   if (command.session.stages.size() > 1)
     throw Error(ErrorCode::invalid_argument,
-                "--model auto is several models: name the one to measure (`iclk eval` and `iclk batch` take auto)");
+                "--model auto runs several models: name the one to measure, such as --model sd6dof");
   const std::shared_ptr<const Model> model = command.bench.model = command.session.stages.front().model;
   if (command.bench.pairs.empty()) command.bench.pairs = model ? std::vector{1, 4} : BenchOptions().pairs;
   command.bench.profile |= model != nullptr;
@@ -65,33 +65,37 @@ void run(BenchCommand& command, int& exit) {
 }  // namespace
 
 void add_bench(CLI::App& app, int& exit) {
-  CLI::App* command = app.add_subcommand("bench", "Measure: ms a pair on images made in code");
+  CLI::App* command = app.add_subcommand("bench", "Measure the time per pair, on synthetic images");
   auto options = std::make_shared<BenchCommand>();
-  command->add_flag("--json", options->json, "JSON on standard output, and nothing else there");
-  command->add_option("--features", options->bench.features, "Features a pair")->capture_default_str();
+  command->add_flag("--json", options->json, "Print only JSON, on standard output");
+  command->add_option("--features", options->bench.features, "Features per pair")->capture_default_str();
   options->bench.pairs.clear();
-  command->add_option("--pairs", options->bench.pairs, "Pairs in one call: one line each; default 1,4,16,64, with a model 1,4")
+  command
+      ->add_option("--pairs", options->bench.pairs,
+                   "Pairs per call; each number is a line of the table; default: 1,4,16,64, with a model 1,4")
       ->delimiter(',');
-  command->add_option("--repetitions", options->bench.repetitions, "Repetitions of every figure")->capture_default_str();
-  command->add_option("--size", options->size, "Images, WIDTHxHEIGHT")->capture_default_str();
-  command->add_option("--only", options->bench.only, "Methods to measure, by the names in the table; default all");
-  command->add_flag("--profile", options->bench.profile, "Also the device solver's time by stage; always with a model");
+  command->add_option("--repetitions", options->bench.repetitions, "Repetitions of every measurement")->capture_default_str();
+  command->add_option("--size", options->size, "Image size, WIDTHxHEIGHT")->capture_default_str();
+  command->add_option("--only", options->bench.only, "Methods to measure, by their names in the table; default: all");
+  command->add_flag("--profile", options->bench.profile,
+                    "Also print the device solver's time by stage; always on with a learned model");
   command
       ->add_option("--save-pair", options->save_pair,
-                   "Write the first pair and the pose found for it as safetensors: what apps/train/bench.py --iclk compares")
+                   "Write the first pair and its pose as safetensors, for apps/train/bench.py --iclk")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_flag("--layers", options->layers, "Every layer of --model's encoder in every variant of its convolution");
+  command->add_flag("--layers", options->layers,
+                    "Measure every layer of the encoder of --model, with every variant of its convolution");
   options->session.model = "classical";
   command
       ->add_option("--model", options->session.model,
-                   "A learned model, file or name (`iclk model info`), or classical, what other methods are compared with")
+                   "classical, which is compared with other methods, or the name or file of a learned model")
       ->capture_default_str()
       ->check(not_empty)
       ->type_name("FILE|classical");
   command->add_option(
       "--device", options->session.device,
-      "Vulkan device: index, part of the name or UUID (see `iclk devices`); default ICLK_DEVICE, else the best");
+      "Vulkan device: index, UUID or part of the name (see `iclk devices`); default: ICLK_DEVICE, else the best");
   command->footer(kBenchFooter + exit_codes_help("0 done"));
   command->callback([options, &exit] { run(*options, exit); });
 }

@@ -63,7 +63,7 @@ Json to_json(const LayerReport& report) {
 
 std::string to_table(const LayerReport& report) {
   std::string out = to_line(report.machine);
-  out += formatted("%s, %dx%d; ms of %s time an image, the least of %d in turns; GFLOP/s of the fastest, counted as direct\n\n",
+  out += formatted("%s, %dx%d; ms of %s time per image, least of %d rounds; GFLOP/s of the fastest, counted as direct\n\n",
                    report.model.c_str(), report.width, report.height, report.clock.c_str(), report.repetitions);
   if (report.layers.empty()) return out;
   out += "layer                              ";
@@ -84,8 +84,8 @@ std::string to_table(const LayerReport& report) {
     sum += best.least;
     work += gflop(s);
   }
-  out += formatted("\nthe fastest of each: %.2f ms, %.1f GFLOP/s%s\n", 1e3 * sum, work / sum,
-                   report.clock == "processor" ? " a core" : "");
+  out += formatted("\nfastest variant of every layer: %.2f ms, %.1f GFLOP/s%s\n", 1e3 * sum, work / sum,
+                   report.clock == "processor" ? " per core" : "");
   if (out.find("  -") != std::string::npos) out += "-: this device has no kernel for it\n";
   out += "*: the last layer of a level, with its feature map and the means for the next level\n";
   return out;

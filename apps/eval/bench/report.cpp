@@ -60,7 +60,7 @@ std::string to_table(const BenchReport& report) {
   const BenchOptions& o = report.options;
   std::string out = to_line(report.machine);
   out += formatted(
-      "%dx%d, %d features; ms a pair, from host images to host poses (upload, pyramids and masks of both images included)\n\n",
+      "%dx%d, %d features; ms per pair, from host images to host poses (with upload, pyramids and masks of both images)\n\n",
       o.width, o.height, o.features);
   out += "method                    pairs   median      min      max  cpu time    converged  error px\n";
   for (const BenchRow& r : report.rows)
@@ -73,14 +73,14 @@ std::string to_table(const BenchReport& report) {
           "device solver, %d at a time: %.1f times as fast as %s%s\n", most_pairs(report), ratio(report, name), name,
           name == kOdometry[0] ? formatted(" (OpenCV's own choice: %d threads)", report.machine.opencv_threads).c_str() : "");
   for (const BenchProfile& p : report.profiles) {
-    out += formatted("\n%sdevice solver%s, %d at a time: ms a pair on the device, times a call\n", p.model ? "model, " : "",
+    out += formatted("\n%sdevice solver%s, %d at a time: ms per pair on the device, runs per call\n", p.model ? "model, " : "",
                      p.model ? ", search and refinement" : ", search", p.pairs);
     double sum = 0;
     for (const engine::StageTime& s : p.stages) {
       out += formatted("  %-20s %8.3f  %4d\n", s.name.c_str(), s.milliseconds, s.count);
       sum += s.milliseconds;
     }
-    if (p.stages.empty()) out += "  this queue has no timestamps\n";
+    if (p.stages.empty()) out += "  this queue does not support timestamps\n";
     out += formatted("  %-20s %8.3f\n", "sum", sum);
     for (const Stage& s : p.refinement) {
       out += formatted("  %-20s %8.3f\n", (s.name + ", wall").c_str(), s.ms);

@@ -243,7 +243,7 @@ void BenchOptions::check() const {
   const std::vector<std::string> known = bench_methods();
   for (const std::string& method : only)
     require(std::find(known.begin(), known.end(), method) != known.end(),
-            "--only " + printable(method) + " is not known: " + joined(known));
+            "--only " + printable(method) + " is unknown; known are " + joined(known));
   require(features >= 1 && features <= 10000, "--features " + std::to_string(features) + " must lie in 1 to 10000");
   require(width >= 64 && width <= 4096 && height >= 64 && height <= 4096,
           "--size " + std::to_string(width) + "x" + std::to_string(height) + " must lie in 64x64 to 4096x4096");

@@ -18,13 +18,13 @@ ForeignPoses::Pose pose_of(const nlohmann::json& line, const std::string& where)
   ForeignPoses::Pose pose;
   const auto T = line.find("T_10"), claimed = line.find("claimed"), status = line.find("status"), ms = line.find("ms");
   if (T != line.end() && !T->is_null()) {
-    if (!T->is_array()) refuse(where + ": key 'T_10' is " + printable(T->dump()) + "; a 4x4 nested list or null is needed");
+    if (!T->is_array()) refuse(where + ": key 'T_10' is " + printable(T->dump()) + "; it must be a 4x4 nested list or null");
     pose.T_10 = parse_pose(T->dump(), where + ": key 'T_10'");
     pose.has_pose = true;
   }
   if (claimed != line.end()) {
     if (!claimed->is_boolean())
-      refuse(where + ": key 'claimed' is " + printable(claimed->dump()) + "; true or false is needed");
+      refuse(where + ": key 'claimed' is " + printable(claimed->dump()) + "; it must be true or false");
     pose.claimed = claimed->get<bool>();
   } else {
     pose.claimed = status == line.end() ? pose.has_pose : *status == "converged";
@@ -39,7 +39,7 @@ ForeignPoses::Pose pose_of(const nlohmann::json& line, const std::string& where)
 ForeignPoses::ForeignPoses(const std::string& argument) {
   const size_t equals = argument.find('=');
   if (equals == 0 || equals == std::string::npos || equals + 1 == argument.size())
-    refuse("--peer-results '" + printable(argument) + "' is not NAME=FILE, such as 'XFeat + LighterGlue=xfeat.jsonl'");
+    refuse("--peer-results '" + printable(argument) + "' must be NAME=FILE, such as 'XFeat + LighterGlue=xfeat.jsonl'");
   name_ = argument.substr(0, equals);
   path_ = argument.substr(equals + 1);
   const std::string bytes = read_file(path_, size_t{4} << 30);
@@ -54,7 +54,7 @@ ForeignPoses::ForeignPoses(const std::string& argument) {
     if (id == line.end()) continue;
     if (!id->is_string() && !id->is_number_integer()) refuse(where + ": key 'id' is " + printable(id->dump()));
     const std::string key = id->is_string() ? id->get<std::string>() : id->dump();
-    if (!poses_.emplace(key, pose_of(line, where)).second) refuse(where + ": id '" + printable(key) + "' comes twice");
+    if (!poses_.emplace(key, pose_of(line, where)).second) refuse(where + ": id '" + printable(key) + "' appears twice");
   }
 }
 

@@ -84,9 +84,9 @@ std::string odometry_table(RecordedFrames& frames) {
     before = std::move(frame);
     progress("peers", i + 1, frames.size());
   }
-  std::string text = "\nfrom frame to frame, for comparison:\n";
+  std::string text = "\nother methods, each from frame to frame:\n";
   for (const Chain& chain : chains)
-    text += fmt::format("{:<14} {}; {:.0f} ms a pair, {} without an answer\n", chain.method->name(),
+    text += fmt::format("{:<14} {}; {:.0f} ms per pair, {} pairs without a pose\n", chain.method->name(),
                         to_text(track_errors(chain.poses)), median(chain.ms), chain.failed);
   return text;
 }

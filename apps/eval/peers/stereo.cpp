@@ -44,7 +44,7 @@ Rectified rectify(const DepthInput& input) {
   cv::stereoRectify(camera_matrix(a), cv::noArray(), camera_matrix(b), cv::noArray(), size, R, t, R_0, R_1, P_0, P_1, Q, 0, -1);
   if (P_1.at<double>(1, 3) != 0)
     throw Error(ErrorCode::unsupported,
-                "--peers: the cameras stand one above the other; OpenCV's methods want them side by side");
+                "--peers: the cameras are above each other, but OpenCV's methods need them side by side; leave --peers out");
   cv::initUndistortRectifyMap(camera_matrix(a), cv::noArray(), R_0, P_0, size, CV_32FC1, map_u, map_v);
   cv::remap(grey_8bit(input.reference), out.left, map_u, map_v, cv::INTER_LINEAR);
   cv::initUndistortRectifyMap(camera_matrix(b), cv::noArray(), R_1, P_1, size, CV_32FC1, map_u, map_v);

@@ -28,7 +28,7 @@ Json file_state(const std::string& path) {
 }
 
 std::string in_words(const Json& value) {
-  if (value.is_null()) return "not there";
+  if (value.is_null()) return "missing";
   if (value.is_string()) return value.get<std::string>();
   if (value.is_object() && value.contains("bytes") && value.contains("modified"))
     return value["bytes"].dump() + " bytes of " + value["modified"].dump();

@@ -96,18 +96,18 @@ std::string ResultsJournal::check_header(std::string_view line, const Manifest& 
   if (!header.is_object())
     refuse(path_ + ":1, the header, is damaged" + in_brackets(why) + ": nothing was written; give another --out");
   if (header["iclk_batch"] != kFormat)
-    refuse(path_ + " is of " + (text("version").empty() ? "another version of iclk" : text("version")) + ", in format " +
-           header["iclk_batch"].dump() + " (this one continues " + std::to_string(kFormat) +
-           ", which says what each result was " + "made of): nothing was written; give another --out");
+    refuse(path_ + " was written by " + (text("version").empty() ? "another version of iclk" : text("version")) +
+           " in format " + header["iclk_batch"].dump() + ", but this iclk continues format " + std::to_string(kFormat) +
+           " only: nothing was written; give another --out");
   std::error_code ignored;
   const fs::path begun(text("manifest"));
   const fs::path now = fs::weakly_canonical(manifest.path, ignored);
   if (fs::exists(begun, ignored) && !fs::equivalent(begun.parent_path(), now.parent_path(), ignored))
-    refuse(path_ + " holds results of another manifest, " + begun.string() + " (this one is " + now.string() +
+    refuse(path_ + " has results of another manifest, " + begun.string() + " (this one is " + now.string() +
            "); give another --out");
   if (text("version") != options.version)
-    return "was begun by " + text("version") + ", this is " + options.version +
-           ": results of two versions do not belong together";
+    return "was begun by " + text("version") + ", but this is " + options.version +
+           ": a file must not mix results of two versions";
   const std::string other = other_option(header.value("options", Json::object()), options.run);
   return other.empty() ? "" : "was " + other + ": give the same to continue";
 }
@@ -155,7 +155,7 @@ std::optional<std::string> ResultsJournal::read_lines(const Manifest& manifest, 
       const std::string where = path_ + ":" + std::to_string(number);
       const auto [other, is_new] = first.emplace(id, number);
       if (!is_new)
-        refuse(where + " and :" + std::to_string(other->second) + " both hold the result of id '" + printable(id) +
+        refuse(where + " and :" + std::to_string(other->second) + " both have the result of id '" + printable(id) +
                "'; remove one of them");
       const auto source = known.find(id);
       const bool failed = head["status"].get_ref<const std::string&>() == "error";
@@ -164,7 +164,7 @@ std::optional<std::string> ResultsJournal::read_lines(const Manifest& manifest, 
         continue;
       }
       if (source == known.end())
-        refuse(where + " holds the result of id '" + printable(id) + "', which is not in " + manifest.path +
+        refuse(where + " has the result of id '" + printable(id) + "', which is not in " + manifest.path +
                ": results of another manifest? give another --out");
       if (all_changed || check_line(where, head, manifest, *source->second, options)) {
         ++dropped_;
@@ -192,8 +192,8 @@ bool ResultsJournal::check_line(const std::string& where, const Json& head, cons
     change = changed_input(head["inputs"], options.inputs(source));
   if (change.empty() || options.retry == Retry::changed) return !change.empty();
   if (failed && same_text) return false;  // what was missing has come: an error claims nothing that could be wrong by now
-  refuse(where + " holds the result of id '" + printable(source.id) + "', but " + change +
-         ": --retry changed runs it and all others that changed again, " + (failed ? "--retry those that failed, " : "") +
+  refuse(where + " has the result of id '" + printable(source.id) + "', but " + change +
+         "; --retry changed runs all changed pairs again, " + (failed ? "--retry all failed pairs; " : "") +
          "or give another --out");
 }
 

@@ -21,7 +21,8 @@ std::shared_ptr<const PairLoader> LoaderCache::loader(const PairRequest& request
   if (request.camera) options.camera = *request.camera;
   if (request.distortion) options.distortion = *request.distortion;
   if (request.depth_scale) options.depth_scale = *request.depth_scale;
-  if (options.camera.empty()) throw Error(ErrorCode::invalid_argument, "key 'camera' is missing, and no --camera was given");
+  if (options.camera.empty())
+    throw Error(ErrorCode::invalid_argument, "key 'camera' is missing; add it to the line, or give --camera");
   const std::string key = options.camera + '\n' + options.distortion + '\n' + nlohmann::json(options.depth_scale).dump();
   {
     const std::lock_guard lock(mutex_);

@@ -72,7 +72,7 @@ void DecodePool::work() {
     try {
       item = decode(*lines_[index], reserved);
     } catch (const std::bad_alloc&) {
-      item.error = "not enough memory to read this pair";
+      item.error = "not enough memory to read this pair; give a smaller --memory or fewer --threads";
     } catch (const std::exception& e) {
       item.error = e.what();
       if (item.error.empty()) item.error = "unknown error";

@@ -24,7 +24,7 @@ Json align_alone(const AlignPairs& align, const PairInput& pair, const std::stri
     if (ends_the_run(e.code())) throw;
     return error_body(where + ": " + e.what());
   } catch (const std::bad_alloc&) {
-    return error_body(where + ": not enough memory to align this pair");
+    return error_body(where + ": not enough memory to align this pair; give a smaller --batch");
   } catch (const std::exception& e) {
     return error_body(where + ": internal error: " + e.what());
   }

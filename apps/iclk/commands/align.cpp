@@ -49,8 +49,9 @@ void run_align(const AlignOptions& options, int& exit) {
   pair.T_10 = guess;
   pair.truth = truth;
   if (options.files.features.empty() && pair.features.size() < options.load.features.count)
-    spdlog::warn("found {} features, not {}: they need depth, texture and distance to the border and to each other",
-                 pair.features.size(), options.load.features.count);
+    spdlog::warn(
+        "found only {} of {} features (--count): they need depth, texture, and distance from the border and each other",
+        pair.features.size(), options.load.features.count);
   Session session(session_options);
   report_device(session);
   const RefinedAlignment result = run_pair(session, pair);
@@ -72,7 +73,7 @@ void add_align(CLI::App& app, int& exit) {
   CLI::App* command =
       app.add_subcommand("align", "Align a target image with a reference image whose depth is known, at least at some pixels");
   auto options = std::make_shared<AlignOptions>();
-  command->add_option("REF", options->files.reference, "Reference image I0: grey or colour, 8 or 16 bit or float")
+  command->add_option("REF", options->files.reference, "Reference image I0: grey or colour, 8-bit, 16-bit or float")
       ->required()
       ->check(not_empty)
       ->type_name("FILE");
@@ -82,30 +83,36 @@ void add_align(CLI::App& app, int& exit) {
       ->type_name("FILE");
   command->option_defaults()->group("Input");
   command
-      ->add_option("--depth", options->files.depth,
-                   "Depth of REF, registered to it: 16-bit PNG with --depth-scale, or 32-bit TIFF or EXR in metres; "
-                   "0, negative, NaN and infinite mean none")
+      ->add_option(
+          "--depth", options->files.depth,
+          "Depth image of REF, registered to it: 16-bit PNG with --depth-scale, or 32-bit float TIFF or EXR in metres. "
+          "Pixels without depth are 0, negative, NaN or infinite")
       ->check(not_empty)
       ->type_name("FILE");
   command
-      ->add_option("--features", options->files.features,
-                   "Features of REF in a CSV file with the header u,v,depth or u,v,inverse_depth "
-                   "(optionally sigma, its standard deviation)")
+      ->add_option(
+          "--features", options->files.features,
+          "Features of REF: a CSV file with the header u,v,depth or u,v,inverse_depth. An optional column sigma has the "
+          "standard deviation of the depth or inverse depth")
       ->check(not_empty)
       ->type_name("FILE");
   command
       ->add_option("--reference-mask", options->files.reference_mask,
-                   "An image of REF's size that is 0 where REF is not to be looked at; features there have no depth")
+                   "Mask of REF, of its size: pixels that are 0 are ignored, and features there have no depth")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_option("--target-mask", options->files.target_mask, "The same of TARGET: what moves by itself, dirt on the lens")
+  command
+      ->add_option("--target-mask", options->files.target_mask,
+                   "Mask of TARGET, for example for moving objects or dirt on the lens")
       ->check(not_empty)
       ->type_name("FILE");
   options->load.add_to(*command, true);
-  command->add_option("--initial-pose", options->initial_pose, "First guess of T_10; default: no motion")
+  command
+      ->add_option("--initial-pose", options->initial_pose,
+                   "First guess of T_10; default: none, and the whole target is searched (--set search)")
       ->check(not_empty)
       ->type_name("POSE");
-  command->add_option("--truth", options->truth, "True T_10: adds the error after every stage")
+  command->add_option("--truth", options->truth, "True T_10: also prints the error after every stage")
       ->check(not_empty)
       ->type_name("POSE");
   command->option_defaults()->group("Alignment");
@@ -117,9 +124,8 @@ void add_align(CLI::App& app, int& exit) {
   command->add_option("--out", options->out, "Folder for result.json, features.png, overlay.png and residual.png")
       ->check(not_empty)
       ->type_name("DIR");
-  command->add_flag("--json", options->json,
-                    "The result as JSON (docs/schema/result-1.json) on standard output, and nothing else there");
-  command->add_flag("--profile", options->profile, "Print where the time went, on standard error");
+  command->add_flag("--json", options->json, "Print only the result, as JSON (docs/schema/result-1.json), on standard output");
+  command->add_flag("--profile", options->profile, "Print the time of each stage on standard error");
   command->footer(options->settings.help() + kAlignFooter + exit_codes_help(kStatusCodes));
   command->callback([options, &exit] { run_align(*options, exit); });
 }

@@ -38,38 +38,40 @@ struct BatchOptions {
 };
 
 const char* const kBatchFooter =
-    "MANIFEST.jsonl has a JSON object a line:\n"
+    "MANIFEST.jsonl has one JSON object per line:\n"
     "  {\"id\": \"a\", \"reference\": \"rgb/a.png\", \"target\": \"rgb/b.png\", \"depth\": \"depth/a.png\"}\n"
     "  reference, target              image files; required\n"
-    "  depth, features                depth image and / or feature file of the reference; one of them is required\n"
-    "  id                             text or whole number, once in the file; default: the number of the line\n"
-    "  depth_scale, camera, distortion as the options, which hold where a line does not say\n"
+    "  depth, features                depth image and/or feature file of the reference; at least one is required\n"
+    "  reference_mask, target_mask    images that are 0 where the reference or the target is to be ignored\n"
+    "  id                             text or whole number, unique in the file; default: the line number\n"
+    "  depth_scale, camera, distortion  for this pair, instead of the options\n"
     "  initial_pose, truth            T_10: 4x4 nested lists, a TUM line 'tx ty tz qx qy qz qw' or a file with one\n"
-    "  meta                           anything; comes back in the result\n"
-    "Relative paths begin at the manifest's folder. Blank lines are skipped; any other key is an error.\n"
+    "  meta                           anything; copied to the result\n"
+    "Relative paths start at the manifest's folder. Blank lines are skipped; any other key is an error.\n"
     "\n"
-    "RESULTS.jsonl begins with a header; then a line a pair, in the order in which they were finished: id, line, key (hash\n"
-    "of the manifest's line), status, inputs (what it was read from), errors (of T_10, where there is a truth), reason, and\n"
-    "the JSON of `iclk align` without features (docs/schema/result-1.json); times are the batch's, shared evenly. A pair that\n"
-    "cannot be read or is badly described has status \"error\" and the reason; the others go on.\n"
-    "Run the same command again to continue after Ctrl-C, a kill or a full disk: pairs with a result are skipped, a\n"
-    "half-written last line is done again. Lines may be added. Results are refused that would be other ones today: of another\n"
-    "manifest, of lines that changed, of files of another size or time, of another camera, other options, another model or\n"
-    "another iclk; --retry changed makes just those again.\n"
+    "RESULTS.jsonl starts with a header line. One line per pair follows, in the order in which the pairs finish: id, line,\n"
+    "key (hash of the manifest's line), status, inputs (the files read), errors (of T_10, if there is a truth), reason, and\n"
+    "the JSON of `iclk align` without features (docs/schema/result-1.json). Times are those of the batch, shared evenly.\n"
+    "A pair that cannot be read or is described wrongly has status \"error\" and a reason; the other pairs go on.\n"
+    "\n"
+    "To continue after Ctrl-C, a kill or a full disk, run the same command again: it skips pairs that have a result and\n"
+    "repeats a half-written last line. The manifest may have new lines. iclk refuses to continue if an old result would be\n"
+    "different today: another manifest, a changed line, a file of another size or time, another camera, option, model or\n"
+    "iclk version. --retry changed runs just the pairs that this affects.\n"
     "Poses do not depend on --batch, --threads, --memory or --shard.\n"
     "\n"
     "Examples:\n"
     "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl\n"
-    "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry           # after mending what was broken\n"
-    "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry changed   # after calibrating anew\n"
+    "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry           # after repairing files\n"
+    "  iclk batch pairs.jsonl --camera camera.txt --out results.jsonl --retry changed   # after a new calibration\n"
     "  iclk batch pairs.jsonl --camera camera.txt --out results.0.jsonl --shard 0/4     # one of four machines\n"
     "  iclk batch pairs.jsonl --camera 517.3,516.5,318.6,255.3 --depth-scale 5000 --batch 64 --out all.jsonl\n"
     "\n"
-    "Exit codes: 0 every line has a result and none is an error; 14 as well, but no pair converged; 20 every line has a\n"
-    "result, some with status \"error\";\n"
-    "130 stopped by Ctrl-C, 143 by SIGTERM, after the pairs on the device were written (a second signal leaves at once);\n"
+    "Exit codes: 0 every line has a result without error; 14 the same, but no pair converged; 20 every line has a result,\n"
+    "some with status \"error\";\n"
+    "130 stopped by Ctrl-C, 143 by SIGTERM, after the pairs on the device were written (a second signal stops at once);\n"
     "2 wrong usage, 3 bad manifest, options or results of another manifest, 4 a file cannot be read or written (disk full),\n"
-    "5 no Vulkan driver or no such device, 6 the device failed: pairs that remain are not marked, and the same command\n"
+    "5 no Vulkan driver or no such device, 6 the device failed: the remaining pairs are not marked, and the same command\n"
     "continues; 1 a defect of iclk.";
 
 // What a signal handler can reach.
@@ -79,7 +81,7 @@ static_assert(std::atomic<std::sig_atomic_t>::is_always_lock_free);
 extern "C" void on_signal(int signal) {
   if (g_signal != 0) ::_exit(kStoppedBy + signal);
   g_signal = signal;
-  const char text[] = "\niclk: stopping after the pairs on the device; once more to leave at once\n";
+  const char text[] = "\niclk: stopping when the pairs on the device are done; a second signal stops at once\n";
   [[maybe_unused]] const ssize_t written = ::write(STDERR_FILENO, text, sizeof text - 1);
 }
 
@@ -199,8 +201,8 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
       [&](const Json& head) { tally.add(head); });
   const int before = tally.total();
   if (journal.dropped() > 0)
-    spdlog::info("{} of {} results are made again, as --retry {} asks", journal.dropped(), journal.dropped() + before,
-                 options.retry);
+    spdlog::info("--retry {}: {} of {} results are computed again", options.retry, journal.dropped(),
+                 journal.dropped() + before);
   BatchWork work;
   int in_shard = 0;
   for (size_t i = shard.k; i < manifest.lines.size(); i += static_cast<size_t>(shard.n)) {
@@ -270,28 +272,30 @@ void run_batch_command(const BatchOptions& options, const CLI::App& command, int
 }  // namespace
 
 void add_batch(CLI::App& app, int& exit) {
-  CLI::App* command = app.add_subcommand("batch", "Align many pairs that a manifest lists; a run that was stopped continues");
+  CLI::App* command = app.add_subcommand("batch", "Align the pairs that a manifest lists; continues a run that was stopped");
   auto options = std::make_shared<BatchOptions>();
-  command->add_option("MANIFEST", options->manifest, "JSON lines, one pair each; see below")->required()->type_name("FILE");
-  command->add_option("--out", options->out, "Results, JSON lines; continued if it is there already")
+  command->add_option("MANIFEST", options->manifest, "Pairs as JSON lines, one per line; see below")
+      ->required()
+      ->type_name("FILE");
+  command->add_option("--out", options->out, "Results as JSON lines; an existing file is continued")
       ->required()
       ->type_name("FILE");
   command
       ->add_option("--batch", options->batch,
-                   "Pairs on the device at a time, of equal image size; default 16, with --solver cpu 1")
+                   "Pairs of one image size that are aligned together; default: 16, with --solver cpu 1")
       ->check(CLI::Range(1, 4096));
-  command->add_option("--threads", options->threads, "Threads that read images; default: one a core, at most 16")
+  command->add_option("--threads", options->threads, "Threads that read images; default: one per core, at most 16")
       ->check(CLI::Range(1, 256));
   command
       ->add_option(
           "--memory", options->memory,
-          "MiB that the pixels of all pairs take that are decoded or being decoded; a pair that takes more by itself is "
-          "an error. Besides, at most batch + max(batch, threads) pairs are in memory")
+          "Most MiB of decoded pixels in memory, of all pairs together; a single pair that needs more is an error. At most "
+          "batch + max(batch, threads) pairs are in memory")
       ->capture_default_str()
       ->check(CLI::Range(1, 1 << 24));
   command
       ->add_option("--shard", options->shard,
-                   "k/n: only every n-th line, beginning with the k-th, 0 <= k < n; each shard needs its own --out")
+                   "k/n: only every n-th line, starting with the k-th (from 0, k < n); each shard needs its own --out")
       ->capture_default_str()
       ->check([](const std::string& text) {
         try {
@@ -302,15 +306,15 @@ void add_batch(CLI::App& app, int& exit) {
         }
       });
   command
-      ->add_option("--retry", options->retry,
-                   "Run pairs again: failed (or no word), those whose result is an error; changed, those whose files, camera, "
-                   "options, model or iclk are others now")
+      ->add_option(
+          "--retry", options->retry,
+          "Run pairs again. failed (also without a word): those with status error; changed: those whose files, camera, "
+          "options, model or iclk version have changed")
       ->expected(0, 1)
       ->default_str("failed")
       ->check(CLI::IsMember({"failed", "changed"}))
       ->type_name("[failed|changed]");
-  command->add_flag("--with-features", options->with_features,
-                    "Keep the list of features in the results: about 100 bytes a feature");
+  command->add_flag("--with-features", options->with_features, "Keep the features in the results, about 100 bytes each");
   options->load.add_to(*command, false);
   options->run.add_to(*command);
   options->run.add_to(options->settings);

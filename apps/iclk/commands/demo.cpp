@@ -32,7 +32,7 @@ std::shared_ptr<engine::Context> rendering_device(const Session& session) {
     return open_device(session.options().device);
   } catch (const Error& e) {
     if (e.code() != ErrorCode::no_driver && e.code() != ErrorCode::no_device) throw;
-    spdlog::warn("no Vulkan device renders terrain here: the CPU draws a model landscape instead");
+    spdlog::warn("no Vulkan device found to render terrain: the CPU draws a small landscape instead");
     return nullptr;
   }
 }
@@ -42,7 +42,7 @@ PairInput demo_pair(const Session& session, const DetectorOptions& features) {
   const auto device = rendering_device(session);
   const ScenePair scene = device ? render_scene_pair(device) : make_scene_pair(demo_motion());
   PairInput pair;
-  pair.name_0 = device ? "terrain made in code, rendered from 120 m above" : "a model landscape, 2 m below the camera";
+  pair.name_0 = device ? "procedural terrain, rendered from 120 m above" : "a model landscape, 2 m below the camera";
   pair.name_1 = device ? "the same after a motion of 3 degrees and 3.6 m, darker"
                        : "the same after a motion of 3 degrees and 6 cm, darker";
   pair.image_0 = scene.image_0;
@@ -75,12 +75,12 @@ void run_demo(const DemoOptions& options, int& exit) {
 
 void add_demo(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand(
-      "demo", "Align two rendered views of terrain made in code, whose true motion is known, and draw the result");
+      "demo", "Render two views of procedural terrain, align them, compare with the true motion, and draw the result");
   auto options = std::make_shared<DemoOptions>();
   command->add_option("--out", options->out, "Folder for the pictures and result.json")
       ->capture_default_str()
       ->type_name("DIR");
-  command->add_option("--count", options->features.count, "Features")->capture_default_str();
+  command->add_option("--count", options->features.count, "Features to choose")->capture_default_str();
   options->run.add_to(*command);
   options->run.add_to(options->settings);
   options->settings.add_to(*command);

@@ -37,9 +37,11 @@ const char* const kDepthFooter =
     "Written to --out: depth.tiff and depth.exr (32-bit float metres, 0: none), depth.png (16 bit; its scale is printed),\n"
     "confidence.png, colour.png and cloud.ply.\n"
     "\n"
-    "Exit code 0 (converged) says that the map is supported: 11 (low_overlap) that the targets hardly see REF, 12\n"
-    "(degenerate) that hardly a depth matches better than others, as with a wrong pose, 14 (diverged) that most of the\n"
-    "depths given contradict the map. The files are written all the same.\n"
+    "The exit code rates the map; the files are written in every case:\n"
+    "   0 converged      the images support the map\n"
+    "  11 low_overlap    the targets see hardly anything of REF\n"
+    "  12 degenerate     hardly any depth matches better than the others, as with a wrong pose\n"
+    "  14 diverged       most of the given depths contradict the map\n"
     "\n"
     "Examples:\n"
     "  iclk depth left.png right.png --camera 994.978,994.978,311.193,254.877 \\\n"
@@ -65,7 +67,9 @@ cv::Mat load_truth(const DepthCommand& command, const DepthInput& input) {
   if (command.truth.empty()) return {};
   const cv::Mat truth = load_depth(command.truth, command.truth_scale);
   if (truth.size() != input.reference.size())
-    throw Error(ErrorCode::invalid_argument, command.truth + ": not of the reference's size");
+    throw Error(ErrorCode::invalid_argument,
+                fmt::format("{} has {}x{} pixels, but {} has {}x{}: --truth must have the size of REF", command.truth,
+                            truth.cols, truth.rows, command.files.reference, input.reference.cols, input.reference.rows));
   return input.lens ? input.lens->depth(truth) : truth;
 }
 
@@ -87,7 +91,7 @@ void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
   const cv::Mat truth = load_truth(command, input);
   const DepthPlan plan = plan_of(command, input);
   const auto context = open_device(command.device);
-  if (context->cpu_unasked()) spdlog::warn("no GPU with Vulkan here: running on {}", context->info().name);
+  if (context->cpu_unasked()) spdlog::warn("no GPU with Vulkan found: running on {}", context->info().name);
   DepthOptions options = command.options;
   options.keep_unseen = options.keep_unseen || command.fill;
   DepthSweep sweep(context, plan, options);
@@ -142,7 +146,7 @@ void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
     for (const engine::StageTime& stage : sweep.times())
       spdlog::info("{:<12} {:8.1f} ms", stage.name, stage.milliseconds / stage.count);
   if (!command.out.empty())
-    text += fmt::format("written    {} in {}; depth.png holds {:g} units a metre\n",
+    text += fmt::format("written    {} in {}; depth.png has {:g} units per metre\n",
                         write_depth(command.out, map, input.reference, input.camera), command.out, png_scale(depth));
   text += fmt::format("status     {}: {}\n", name(map.status), map.reason);
   print(command.json ? json.dump(2) + "\n" : text);
@@ -151,47 +155,56 @@ void run_depth(const DepthCommand& command, DepthPeers peers, int& exit) {
 
 void add_input(CLI::App* command, DepthFiles& files) {
   command->option_defaults()->group("Input");
-  command->add_option("--camera", files.camera, "fx,fy,cx,cy[,width,height] or a file, as of align")
+  command->add_option("--camera", files.camera, "fx,fy,cx,cy[,width,height] or a camera file, as for `iclk align`")
       ->required()
       ->check(not_empty);
-  command->add_option("--target-camera", files.target_camera, "The targets', where it is another")->check(not_empty);
+  command->add_option("--target-camera", files.target_camera, "Camera of the targets, if it differs from --camera")
+      ->check(not_empty);
   command->add_option("--distortion", files.distortion,
-                      "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's");
-  command->add_option("--pose", files.poses, "T_10, once a target: 'tx ty tz qx qy qz qw', a matrix, or a file of one")
+                      "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: from the camera file");
+  command
+      ->add_option("--pose", files.poses,
+                   "T_10 of a target: 'tx ty tz qx qy qz qw', a matrix, or a file with one; repeat it for each target")
       ->check(not_empty)
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll)
       ->type_name("POSE");
-  command->add_option("--poses", files.pose_file, "A file with a pose T_10 a line, in the order of the targets")
+  command->add_option("--poses", files.pose_file, "File with one T_10 per line, in the order of the targets")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_option("--result", files.result, "result.json of iclk align: the pose, and its features' depths as priors")
+  command
+      ->add_option("--result", files.result,
+                   "result.json of `iclk align`: gives the pose, and the depths of its features as priors")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_option("--features", files.features, "Sparse depths of REF, a CSV as of align: priors, and the range")
+  command
+      ->add_option("--features", files.features,
+                   "Sparse depths of REF, as a CSV file for `iclk align`: priors, and the default of --depth-range")
       ->check(not_empty)
       ->type_name("FILE");
   command
       ->add_option("--depth", files.depth,
-                   "A depth image of REF: the map is compared with it, and it tells the range where nothing else does")
+                   "Depth image of REF, to compare the map with; also the last resort for --depth-range")
       ->check(not_empty)
       ->type_name("FILE");
-  command->add_option("--depth-scale", files.depth_scale, "Raw units a metre of its 16 bits; float depth is in metres");
+  command->add_option("--depth-scale", files.depth_scale, "Raw units per metre of a 16-bit --depth; float depth is in metres");
   command->add_flag("--depth-along-ray", files.depth_along_ray,
-                    "Depths, those of features too, are distances from the camera's centre, not depths along its axis");
-  command->add_option("--depth-range", files.range, "Where to look, metres; default: as the sparse depths, with a margin")
+                    "Depths (also of features) are distances from the camera centre, not depths along the optical axis");
+  command
+      ->add_option("--depth-range", files.range,
+                   "Depths to search, in metres; default: the range of the sparse depths, with a margin")
       ->check(not_empty)
       ->type_name("NEAR,FAR");
 }
 
 void add_settings(DepthOptions& sweep, Settings& settings) {
-  settings.add("p1", sweep.p1, "COST", "7", "penalty where neighbours differ by a plane");
-  settings.add("p2", sweep.p2, "COST", "60", "penalty where they differ by more");
-  settings.add("edge", sweep.edge, "0 to 255", "3", "loss of p2 a grey level of difference");
-  settings.add("uniqueness", sweep.uniqueness, "0 to 1", "0.01", "share by which the second best plane must be worse");
-  settings.add("tolerance", sweep.tolerance, "PLANES", "3", "by which views may disagree");
-  settings.add("iterations", sweep.iterations, "0 to 20", "3", "of the refinement between planes");
-  settings.add("speckle", sweep.speckle, "PIXELS", "100", "islands of fewer are dropped");
+  settings.add("p1", sweep.p1, "COST", "7", "penalty if neighbours differ by one plane");
+  settings.add("p2", sweep.p2, "COST", "60", "penalty if neighbours differ by more");
+  settings.add("edge", sweep.edge, "0 to 255", "3", "reduction of p2 per grey level of difference");
+  settings.add("uniqueness", sweep.uniqueness, "0 to 1", "0.01", "share by which the second-best plane must be worse");
+  settings.add("tolerance", sweep.tolerance, "PLANES", "3", "largest difference between the views");
+  settings.add("iterations", sweep.iterations, "0 to 20", "3", "refinement steps between planes");
+  settings.add("speckle", sweep.speckle, "PIXELS", "100", "smaller islands are removed");
 }
 
 }  // namespace
@@ -199,12 +212,12 @@ void add_settings(DepthOptions& sweep, Settings& settings) {
 void add_depth(CLI::App& app, int& exit) { add_depth(app, exit, nullptr); }
 
 void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
-  CLI::App* command = app.add_subcommand("depth", "A dense depth map of an image from others whose poses are known");
+  CLI::App* command = app.add_subcommand("depth", "Compute a dense depth map of an image from other images with known poses");
   auto options = std::make_shared<DepthCommand>();
   DepthFiles& files = options->files;
   DepthOptions& sweep = options->options;
-  command->add_option("REF", files.reference, "Image whose depth is wanted")->required()->check(not_empty)->type_name("FILE");
-  command->add_option("TARGET", files.targets, "Images that see the same, 1 to 8")
+  command->add_option("REF", files.reference, "Image to compute the depth of")->required()->check(not_empty)->type_name("FILE");
+  command->add_option("TARGET", files.targets, "Images of the same scene, 1 to 8")
       ->required()
       ->expected(1, 8)
       ->check(not_empty)
@@ -213,27 +226,29 @@ void add_depth(CLI::App& app, int& exit, DepthPeers peers) {
   command->option_defaults()->group("Matching");
   command
       ->add_option("--planes", options->planes,
-                   "Planes of inverse depth, a multiple of 16; 0: one a pixel of motion, 256 at most")
+                   "Planes of inverse depth, a multiple of 16; 0: one per pixel of motion, at most 256")
       ->capture_default_str();
   command->add_option("--device", options->device,
-                      "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
+                      "Vulkan device: index, UUID or part of the name; default: ICLK_DEVICE, else the best");
   command
       ->add_option("--memory", options->memory,
-                   "Megabytes of the device at most: rows are taken in strips; default: what it holds")
+                   "Most device memory, in MB: larger images are computed in strips; default: all that the device has")
       ->type_name("MB");
   command->add_flag("--keep-unseen", sweep.keep_unseen,
-                    "Keep pixels that lie outside every target, as their neighbours suggest, with confidence 0");
+                    "Keep pixels that no target sees: their depth follows from their neighbours, with confidence 0");
   command->add_flag("--fill", options->fill,
-                    "Give pixels without an answer the depth of what lies behind around them; the peers too");
+                    "Fill pixels without depth with the depth of the background around them, also in maps of --peers");
   add_settings(sweep, options->settings);
   options->settings.add_to(*command);
   command->option_defaults()->group("Output");
-  command->add_option("--out", options->out, "Folder for what is written")->type_name("DIR")->check(not_empty);
-  command->add_option("--truth", options->truth, "True depth of REF: the errors are told")->check(not_empty)->type_name("FILE");
-  command->add_option("--truth-scale", options->truth_scale, "Raw units a metre of its 16 bits");
-  command->add_flag("--peers", options->peers, "Run OpenCV's stereo methods on the same pair, rectified");
-  command->add_flag("--json", options->json, "The summary as JSON on standard output, and nothing else there");
-  command->add_flag("--profile", options->profile, "Print where the device's time went, on standard error");
+  command->add_option("--out", options->out, "Folder for the results")->type_name("DIR")->check(not_empty);
+  command->add_option("--truth", options->truth, "True depth of REF: also prints the errors")
+      ->check(not_empty)
+      ->type_name("FILE");
+  command->add_option("--truth-scale", options->truth_scale, "Raw units per metre of a 16-bit --truth");
+  command->add_flag("--peers", options->peers, "Also run OpenCV's stereo methods, on the rectified pair");
+  command->add_flag("--json", options->json, "Print only the summary, as JSON, on standard output");
+  command->add_flag("--profile", options->profile, "Print the device time of each stage on standard error");
   command->footer(options->settings.help() + kDepthFooter +
                   exit_codes_help("0 converged, 11 low_overlap, 12 degenerate, 14 diverged"));
   command->callback([options, peers, &exit] { run_depth(*options, peers, exit); });

@@ -41,7 +41,9 @@ std::string to_table(const std::vector<engine::DeviceInfo>& devices) {
 void list(bool json) {
   const std::vector<engine::DeviceInfo> devices = engine::list_devices();
   print(json ? to_json(devices) : to_table(devices));
-  if (devices.empty()) throw Error(ErrorCode::no_device, "the Vulkan drivers of this machine find no device");
+  if (devices.empty())
+    throw Error(ErrorCode::no_device,
+                "the Vulkan drivers of this machine find no device; --solver cpu and --device cpu work without one");
 }
 
 }  // namespace
@@ -49,10 +51,10 @@ void list(bool json) {
 void add_devices(CLI::App& app, int& exit) {
   CLI::App* command = app.add_subcommand("devices", "List the Vulkan devices of this machine");
   auto json = std::make_shared<bool>(false);
-  command->add_flag("--json", *json, "JSON on standard output, and nothing else there");
+  command->add_flag("--json", *json, "Print only JSON, on standard output");
   command->footer(
-      "The index, a part of the name or the UUID is what --device and ICLK_DEVICE take.\n"
-      "Without them the first usable one of discrete, integrated, virtual, CPU is chosen.\n"
+      "--device and ICLK_DEVICE take the index, the UUID or a part of the name.\n"
+      "Without them iclk takes the first usable device: discrete before integrated, virtual and CPU.\n"
       "\n"
       "Examples:\n"
       "  iclk devices\n"

@@ -20,17 +20,15 @@ struct InfoCommand {
 }  // namespace
 
 void add_model(CLI::App& app, int& exit) {
-  CLI::App* command = app.add_subcommand("model", "What a model file holds");
+  CLI::App* command = app.add_subcommand("model", "Show what is in a model file");
   command->require_subcommand(1);
-  CLI::App* info = command->add_subcommand("info", "Architecture, cost, licence and provenance of a model");
+  CLI::App* info = command->add_subcommand("info", "Print architecture, cost, licence and provenance of a model");
   auto options = std::make_shared<InfoCommand>();
-  info->add_option("MODEL", options->model, "A file, or the name of one of the models that come with iclk")
+  info->add_option("MODEL", options->model, "Model file, or the name of a model that comes with iclk (sd6dof, sd6dof-small)")
       ->required()
       ->check(not_empty);
-  info->add_option("--size", options->size, "Images for which the cost is counted, WIDTHxHEIGHT")
-      ->capture_default_str()
-      ->check(not_empty);
-  info->add_flag("--json", options->json, "JSON on standard output, and nothing else");
+  info->add_option("--size", options->size, "Image size for the cost, WIDTHxHEIGHT")->capture_default_str()->check(not_empty);
+  info->add_flag("--json", options->json, "Print only JSON, on standard output");
   const std::string footer =
       "GMAC: 10^9 multiply-accumulates. Receptive field: side of the square of pixels that a value depends on.\n"
       "\n"

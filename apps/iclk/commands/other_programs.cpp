@@ -21,9 +21,9 @@ constexpr std::string_view kPrefix = "iclk-";
 
 /// Of apps/eval.
 const std::map<std::string, std::string> kOfIclk = {
-    {"bench", "Measure: ms a pair on images made in code"},
-    {"eval", "Errors over a set of pairs with truth: every stage, baselines, appearance changes"},
-    {"peers", "What --peers of track and depth runs"},
+    {"bench", "Measure the time per pair, on synthetic images"},
+    {"eval", "Measure errors on pairs with true poses: every stage, other methods, changed images"},
+    {"peers", "Run `track` and `depth` with --peers, beside other methods"},
 };
 
 bool is_name(std::string_view name) {
@@ -88,10 +88,10 @@ std::string missing_program(const std::string& name) {
   if (!is_name(name)) return subcommand;
   const std::string program = std::string(kPrefix) + name;
   const std::string sought =
-      subcommand + ", nor a program " + program + " in " + own_folder().string() + " or in a folder of PATH";
+      subcommand + ": no program " + program + " in " + own_folder().string() + " or in a folder of PATH";
   if (!kOfIclk.contains(name)) return sought;
-  return sought + "\nIt is built of iclk's sources, where OpenCV has features2d, video and rgbd (Debian: libopencv-dev): " +
-         "scripts/build default " + program;
+  return sought + "\nTo build it from iclk's sources: scripts/build default " + program +
+         "\nIt needs OpenCV with features2d, video and rgbd (Debian: libopencv-dev).";
 }
 
 }  // namespace iclk

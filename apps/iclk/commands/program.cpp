@@ -55,7 +55,7 @@ int hand_over(const std::string& name, const std::vector<std::string>& arguments
 }
 
 int run(const std::vector<AddCommand>& commands, const std::vector<std::string>& arguments, bool others) {
-  CLI::App app("iclk: six-degree-of-freedom image alignment with sparse depth, on any Vulkan device", "iclk");
+  CLI::App app("iclk: six-degree-of-freedom image alignment with sparse depth, on any Vulkan device or the CPU", "iclk");
   app.formatter(std::make_shared<HelpFormatter>());
   app.set_version_flag("--version", version());
   app.require_subcommand(1);
@@ -93,10 +93,10 @@ int run_program(const std::vector<AddCommand>& commands, const std::vector<std::
     spdlog::error("{}", e.what());
     return exit_code(e.code());
   } catch (const std::bad_alloc&) {
-    spdlog::error("not enough memory");
+    spdlog::error("not enough memory: use smaller images, or fewer at a time");
     return kDeviceFailed;
   } catch (const std::exception& e) {
-    spdlog::error("internal error: {}", e.what());
+    spdlog::error("internal error: {} (please report it with the command line)", e.what());
     return kInternalError;
   }
 }

@@ -28,30 +28,34 @@ struct TrackCommand {
 };
 
 const char* const kTrackFooter =
-    "FOLDER is a TUM RGB-D recording (rgb.txt, depth.txt), or has a folder rgb, color, images or image and one depth or\n"
-    "depths whose files have the same names; with camera.txt (fx fy cx cy width height depth_scale) or --camera. Or it is\n"
-    "a stereo recording in EuRoC's layout (cam0, cam1 with data.csv and sensor.yaml; mav0): the rectified pairs give the\n"
-    "depth, and the camera is the rectified left one. Or it is a video file, with --camera and --depth. With\n"
-    "groundtruth.txt the errors are told, and --peers runs odometry from frame to frame by RgbdOdometry, KLT and SIFT\n"
-    "beside it. Poses are T_WC, camera to world; the first keyframe's camera is the world.\n"
+    "FOLDER is one of:\n"
+    "  a TUM RGB-D recording (rgb.txt, depth.txt)\n"
+    "  a folder with images (rgb, color, images or image) and depth (depth or depths), in files of the same names\n"
+    "  a stereo recording in EuRoC's layout (cam0, cam1 with data.csv and sensor.yaml; mav0)\n"
+    "  a video file; it needs --camera and --depth\n"
+    "The camera comes from camera.txt (fx fy cx cy width height depth_scale) or --camera. A stereo recording needs neither:\n"
+    "its rectified pairs give the depth, and the camera is the rectified left one. With groundtruth.txt the errors are "
+    "printed,\n"
+    "and --peers adds RgbdOdometry, KLT and SIFT, each from frame to frame. Poses are T_WC, camera to world; the world is the\n"
+    "camera of the first keyframe.\n"
     "\n"
-    "Written to --out: live.txt (TUM trajectory as each frame was answered) and frames.jsonl (status, covariance, times;\n"
-    "docs/schema/frame-1.json) grow with every frame, and a run that was stopped goes on when it is started again;\n"
-    "trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply and path.png follow at the end, by the keyframes'\n"
-    "last poses. evo reads the trajectories: evo_ape tum groundtruth.txt trajectory.txt -a\n"
+    "Written to --out while it runs: live.txt (TUM trajectory, each pose as first estimated) and frames.jsonl (status,\n"
+    "covariance, times; docs/schema/frame-1.json). The same command continues a run that was stopped.\n"
+    "Written at the end, from the final keyframe poses: trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply\n"
+    "and path.png. evo reads the trajectories: evo_ape tum groundtruth.txt trajectory.txt -a\n"
     "\n"
     "Examples:\n"
     "  iclk track recording --out tracked\n"
     "  iclk track recording --distortion radtan:0.2624,-0.9531,-0.0054,0.0026,1.1633 --out tracked\n"
-    "  iclk track recording --readout auto --out tracked            # a phone's, a Kinect's: rows are read one by one\n"
+    "  iclk track recording --readout auto --out tracked              # rolling shutter, as of a phone or a Kinect\n"
     "  iclk track recording --model sd6dof-small --stride 2\n"
     "  iclk track recording --mask bonnet.png --out tracked\n"
-    "  iclk track recording --depth first.png --out tracked           # depth of the first frame; the rest by motion\n"
+    "  iclk track recording --depth first.png --out tracked           # depth of the first frame only\n"
     "  iclk track video.mp4 --camera 517.3,516.5,318.6,255.3 --depth depths --depth-scale 5000 --out tracked\n"
     "\n"
-    "A frame without depth becomes a keyframe as well: features of others are carried over, and what is new (--seeds) is\n"
-    "looked for along its epipolar lines, frame by frame, until a filter is sure of its depth. That needs a camera that\n"
-    "moves: of one that only turns, no depth can be found, and the frames are said to be lost.\n"
+    "A frame without depth can become a keyframe too. It takes over features of other keyframes. For new points (--seeds),\n"
+    "iclk searches along epipolar lines from frame to frame, until a filter is sure of their depth. The camera must move for\n"
+    "this: a camera that only turns gives no depth, and its frames become lost.\n"
     "\n";
 
 /// What a recording's depths are wrong by where nobody says.
@@ -67,10 +71,10 @@ TrackRunOptions run_options(const TrackCommand& command) {
   if (!command.distortion.empty()) options.frames.distortion = parse_distortion(command.distortion);
   options.solver = parse_solver(command.solver);
   if (const double share = options.frames.depth_holes; !(share >= 0 && share <= 1))
-    throw Error(ErrorCode::invalid_argument, fmt::format("--set depth-holes={}: 0 to 1 expected", share));
+    throw Error(ErrorCode::invalid_argument, fmt::format("--set depth-holes={}: must be 0 to 1", share));
   if (command.readout == "auto") return options;
   const auto ms = to_number(command.readout);
-  if (!ms) throw Error(ErrorCode::invalid_argument, "--readout " + command.readout + ": a number of ms or auto expected");
+  if (!ms) throw Error(ErrorCode::invalid_argument, "--readout " + command.readout + ": must be a number of ms, or auto");
   options.tracker.readout = *ms / 1000;
   return options;
 }
@@ -103,10 +107,10 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
   options.tracker.depth_sigma = parse_depth_sigma(depth_sigma_of(command.depth_sigma, frames, !options.frames.depth.empty()));
   options.tracker.check();
   const TrackReport report = track_with_progress(options, frames, command.readout == "auto");
-  if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan here: running on {}", report.device);
+  if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan found: running on {}", report.device);
   print(to_text(report));
   if (!report.found()) {
-    spdlog::warn("nothing was tracked: do images and depth belong together, and are their times in one unit?");
+    spdlog::warn("nothing was tracked: check that images and depth belong together, and that their times have the same unit");
     exit = kDiverged;
   }
   if (!options.out.empty())
@@ -114,43 +118,47 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
           options.out + "\n");
   if (!command.peers) return;
   if (!report.live)
-    throw Error(ErrorCode::invalid_argument, "--peers needs a truth: groundtruth.txt in " + options.frames.folder);
+    throw Error(ErrorCode::invalid_argument,
+                "--peers needs true poses: there is no groundtruth.txt in " + options.frames.folder);
   print(peers(frames));
 }
 
 void add_input(CLI::App& command, TrackCommand& options) {
   command.option_defaults()->group("Input");
   FramesOptions& frames = options.run.frames;
-  command.add_option("--camera", options.camera, "fx,fy,cx,cy[,width,height] or a file, as of align; default: FOLDER's");
+  command.add_option("--camera", options.camera,
+                     "fx,fy,cx,cy[,width,height] or a camera file, as for `iclk align`; default: from FOLDER");
   command.add_option("--distortion", options.distortion,
-                     "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the camera file's");
+                     "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: from the camera file");
   command
       .add_option(
           "--depth", frames.depth,
-          "Depth in place of FOLDER's: a folder of depth images, in order one a frame from the first on, as far as they "
-          "go; or the first frame's depth image")
+          "Depth instead of that in FOLDER: a folder with depth images of the first frames, one per frame, in order; or "
+          "the depth image of the first frame alone")
       ->check(CLI::ExistingPath);
-  command.add_option("--depth-scale", frames.depth_scale, "Raw units a metre of 16-bit depth; default: camera.txt's");
+  command.add_option("--depth-scale", frames.depth_scale, "Raw units per metre of 16-bit depth; default: from camera.txt");
   command.add_flag("--depth-along-ray", frames.depth_along_ray,
-                   "Depths are distances from the camera's centre, not depths along its axis");
-  command.add_option("--depth-sigma", options.depth_sigma,
-                     "Errors of the depth: stereo:PX,BASELINE, structured-light, rendered (exact), or a percentage like 1.5%; "
-                     "default, and auto: structured-light; of a "
-                     "stereo recording, half a pixel");
+                   "Depths are distances from the camera centre, not depths along the optical axis");
+  command.add_option(
+      "--depth-sigma", options.depth_sigma,
+      "Error of the depth: stereo:PX,BASELINE, structured-light, rendered (exact), or a percentage such as 1.5%. "
+      "Default, and auto: structured-light; for a stereo recording a disparity error of half a pixel");
   command
-      .add_option("--mask", frames.mask,
-                  "Hide pixels where this image is 0: your own vehicle, captions; or a folder with a mask a frame, in order")
+      .add_option(
+          "--mask", frames.mask,
+          "Ignore pixels where this image is 0 (your own vehicle, captions); or a folder with one mask per frame, in order")
       ->check(CLI::ExistingPath);
-  command.add_option("--first", frames.first, "Frame to begin with")->capture_default_str()->check(CLI::NonNegativeNumber);
-  command.add_option("--frames", frames.count, "Frames, at most; 0: all")->capture_default_str()->check(CLI::NonNegativeNumber);
-  command.add_option("--stride", frames.stride, "Take every so many frames")->capture_default_str()->check(CLI::PositiveNumber);
-  command
-      .add_option("--rate,--fps", frames.rate, "Frames a second, where neither lists, names of files nor the video hold times")
+  command.add_option("--first", frames.first, "First frame, counted from 0")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber);
+  command.add_option("--frames", frames.count, "Most frames to track; 0: all")
+      ->capture_default_str()
+      ->check(CLI::NonNegativeNumber);
+  command.add_option("--stride", frames.stride, "Use every N-th frame only")->capture_default_str()->check(CLI::PositiveNumber);
+  command.add_option("--rate,--fps", frames.rate, "Frames per second, if there are no times in lists, file names or the video")
       ->capture_default_str()
       ->check(CLI::PositiveNumber);
-  command
-      .add_option("--depth-every", frames.depth_every,
-                  "Use the depth of one frame of so many, the first of them; 0: of the first alone")
+  command.add_option("--depth-every", frames.depth_every, "Use the depth of every N-th frame only; 0: of the first frame only")
       ->capture_default_str()
       ->check(CLI::NonNegativeNumber);
 }
@@ -159,34 +167,38 @@ void add_tracking(CLI::App& command, TrackCommand& options) {
   command.option_defaults()->group("Tracking");
   TrackRunOptions& run = options.run;
   TrackerOptions& tracker = run.tracker;
-  command.add_option("--count", tracker.features, "Features a keyframe")->capture_default_str();
+  command.add_option("--count", tracker.features, "Features per keyframe")->capture_default_str();
   command
-      .add_option("--seeds", tracker.seeds,
-                  "Places a keyframe whose depth the frames that follow tell, where the sensor has too little; 0: none, and "
-                  "no keyframes "
-                  "of frames without depth")
+      .add_option(
+          "--seeds", tracker.seeds,
+          "Points per keyframe whose depth is estimated from later frames, where the sensor has too little; 0: none, and "
+          "frames without depth do not become keyframes")
       ->capture_default_str();
   command
-      .add_option("--readout", options.readout,
-                  "Rolling shutter: ms from an image's first row to its last; 0: all at once; auto: found by the first frames")
+      .add_option(
+          "--readout", options.readout,
+          "Rolling shutter: ms from the first row of an image to the last; 0: global shutter; auto: estimated from the first "
+          "frames")
       ->capture_default_str();
   command
       .add_option("--model", run.model,
-                  "classical, or a learned model (name or file), which takes several times as long a frame")
+                  "classical, or a learned model (name or file), which takes several times as long per frame")
       ->capture_default_str();
-  command.add_option("--solver", options.solver, "device, host or cpu; device: a frame needs the host once")
+  command.add_option("--solver", options.solver, "device, host or cpu; device: one round trip to the device per frame")
       ->capture_default_str();
   command.add_option("--device", run.device,
-                     "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
+                     "Vulkan device: index, UUID or part of the name; default: ICLK_DEVICE, else the best");
 }
 
 void add_settings(TrackRunOptions& run, Settings& settings) {
   TrackerOptions& tracker = run.tracker;
-  settings.add("keyframes", tracker.keyframes, "2 to 4096", std::to_string(tracker.keyframes), "held; the oldest leave");
-  settings.add("window", tracker.window, "1 to 64", std::to_string(tracker.window), "newest keyframes, adjusted together");
+  settings.add("keyframes", tracker.keyframes, "2 to 4096", std::to_string(tracker.keyframes),
+               "keyframes kept; the oldest are dropped");
+  settings.add("window", tracker.window, "1 to 64", std::to_string(tracker.window),
+               "newest keyframes that are adjusted together");
   settings.add("min-visible", tracker.min_visible, "0.1 to 1", fmt::format("{}", tracker.min_visible),
-               "a frame that sees less of its keyframe's features becomes one");
-  settings.add("depth-holes", run.frames.depth_holes, "0 to 1", "0", "take this share of every depth image away, in squares");
+               "a frame that sees a smaller share of its keyframe is a new one");
+  settings.add("depth-holes", run.frames.depth_holes, "0 to 1", "0", "remove this share of every depth image, in squares");
 }
 
 }  // namespace
@@ -194,10 +206,10 @@ void add_settings(TrackRunOptions& run, Settings& settings) {
 void add_track(CLI::App& app, int& exit) { add_track(app, exit, nullptr); }
 
 void add_track(CLI::App& app, int& exit, TrackPeers peers) {
-  CLI::App* command = app.add_subcommand("track", "Follow a camera with depth through a recording: trajectory and sparse map");
+  CLI::App* command = app.add_subcommand("track", "Track a camera with depth through a recording: trajectory and sparse map");
   auto options = std::make_shared<TrackCommand>();
   TrackRunOptions& run = options->run;
-  command->add_option("FOLDER", run.frames.folder, "Recording: images with depth, or a video")
+  command->add_option("FOLDER", run.frames.folder, "Recording: images with depth, or a video; see below")
       ->required()
       ->check(not_empty)
       ->type_name("DIR|VIDEO");
@@ -206,9 +218,9 @@ void add_track(CLI::App& app, int& exit, TrackPeers peers) {
   add_settings(run, options->settings);
   options->settings.add_to(*command);
   command->option_defaults()->group("Output");
-  command->add_option("--out", run.out, "Folder for what is written")->type_name("DIR")->check(not_empty);
-  command->add_flag("--fresh", run.fresh, "Begin anew where a run was stopped, instead of going on");
-  command->add_flag("--peers", options->peers, "Other methods from frame to frame, beside the truth");
+  command->add_option("--out", run.out, "Folder for the results")->type_name("DIR")->check(not_empty);
+  command->add_flag("--fresh", run.fresh, "Start again instead of continuing a run that was stopped");
+  command->add_flag("--peers", options->peers, "Also run other methods from frame to frame, and compare with groundtruth.txt");
   command->footer(options->settings.help() + kTrackFooter + exit_codes_help("0 done, 14 nothing was tracked"));
   command->callback([options, peers, &exit] { run_track(*options, peers, exit); });
 }

@@ -17,7 +17,7 @@ namespace {
 /// A whole number that a double holds exactly.
 double whole_number(const std::string& text, double least, double most) {
   const std::optional<double> number = to_number(text);
-  if (!number || !(*number >= least && *number <= most) || *number != std::floor(*number)) refuse("a whole number expected");
+  if (!number || !(*number >= least && *number <= most) || *number != std::floor(*number)) refuse("must be a whole number");
   return *number;
 }
 
@@ -33,12 +33,12 @@ void Settings::read(const std::string& text, uint64_t& value) {
 
 void Settings::read(const std::string& text, double& value) {
   const std::optional<double> number = to_number(text);
-  if (!number || !std::isfinite(*number)) refuse("a number expected");
+  if (!number || !std::isfinite(*number)) refuse("must be a number");
   value = *number;
 }
 
 void Settings::read(const std::string& text, bool& value) {
-  if (text != "yes" && text != "no") refuse("yes or no expected");
+  if (text != "yes" && text != "no") refuse("must be yes or no");
   value = text == "yes";
 }
 
@@ -49,7 +49,7 @@ void Settings::set(const std::string& word) {
   if (equals == std::string::npos || setting == all_.end()) {
     std::string names;
     for (const Setting& s : all_) names += (names.empty() ? "" : ", ") + s.name;
-    throw CLI::ValidationError("--set " + printable(word), "NAME=VALUE expected, with one of the names " + names);
+    throw CLI::ValidationError("--set " + printable(word), "must be NAME=VALUE with one of the names " + names);
   }
   const std::string value = word.substr(equals + 1);
   try {
@@ -67,13 +67,13 @@ void Settings::add_to(CLI::App& command) {
           [this](const std::vector<std::string>& words) {
             for (const std::string& word : words) set(word);
           },
-          "A setting for experts, listed below; several times")
+          "Expert setting from the list below; may be repeated")
       ->type_name("NAME=VALUE")
       ->allow_extra_args(false);
 }
 
 std::string Settings::help() const {
-  std::string text = "Settings of --set NAME=VALUE, in brackets what holds otherwise:\n";
+  std::string text = "Settings of --set NAME=VALUE, with defaults in brackets:\n";
   for (const Setting& s : all_) text += fmt::format("  {:<34} {} [{}]\n", s.name + "=" + s.values, s.meaning, s.otherwise);
   return text + "\n";
 }

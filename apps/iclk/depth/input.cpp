@@ -34,10 +34,10 @@ std::vector<SE3> poses_of_file(const std::string& path) {
 void read_result(const std::string& path, DepthInput& input) {
   std::string why;
   const auto json = parse_json(read_file(path), &why);
-  if (json.is_discarded() || !json.is_object()) refuse(path + ": no JSON of iclk align: " + why);
+  if (json.is_discarded() || !json.is_object()) refuse(path + ": not a result of iclk align: " + why);
   const auto status = json.find("status");
   if (status != json.end() && *status != name(Status::converged) && *status != name(Status::max_iterations))
-    refuse(path + ": its status is " + status->dump() + ", so its T_10 is no answer; align the images first");
+    refuse(path + ": its status is " + status->dump() + ", so its T_10 cannot be used; align the images first");
   const auto pose = json.find("T_10");
   if (pose == json.end()) refuse(path + ": has no T_10; give the result.json of iclk align");
   input.T_10.push_back(parse_pose(pose->dump(), path + ": T_10"));
@@ -74,7 +74,7 @@ void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& 
 
 DepthRange parse_range(const std::string& text) {
   const std::vector<double> ends = parse_numbers(text, "--depth-range NEAR,FAR");
-  if (ends.size() != 2) refuse("--depth-range " + text + ": wants NEAR,FAR in metres, like 2,40");
+  if (ends.size() != 2) refuse("--depth-range " + text + ": must be NEAR,FAR in metres, such as 2,40");
   const DepthRange range{ends[0], ends[1]};
   range.check();
   return range;
@@ -93,7 +93,7 @@ DepthInput load_depth_input(const DepthFiles& files) {
   for (const std::string& pose : files.poses) input.T_10.push_back(load_pose(pose, "--pose"));
   if (input.T_10.size() != files.targets.size())
     refuse(std::to_string(files.targets.size()) + " targets and " + std::to_string(input.T_10.size()) +
-           " poses; give --pose once a target, --poses with a line a target, or --result");
+           " poses; give --pose once per target, --poses with one line per target, or --result");
   if (!files.range.empty()) input.range = parse_range(files.range);
 
   input.reference = load_image(files.reference);
@@ -138,7 +138,7 @@ DepthInput load_depth_input(const DepthFiles& files) {
   known.insert(known.end(), input.measured.inverse_depth.begin(), input.measured.inverse_depth.end());
   if (known.empty())
     refuse(files.reference +
-           ": where to look for depth is not said; give --depth-range NEAR,FAR or sparse "
+           ": the depth range is unknown; give --depth-range NEAR,FAR, or sparse "
            "depths with --features, --depth or --result");
   input.range = range_of(known);
   return input;

@@ -20,7 +20,7 @@ namespace {
 
 std::string encoded(const char* ending, const cv::Mat& image) {
   std::vector<uchar> bytes;
-  if (!cv::imencode(ending, image, bytes)) throw Error(ErrorCode::io, std::string(ending) + ": OpenCV could not encode it");
+  if (!cv::imencode(ending, image, bytes)) throw Error(ErrorCode::io, "OpenCV cannot encode " + std::string(ending));
   return {bytes.begin(), bytes.end()};
 }
 

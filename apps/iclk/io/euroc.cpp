@@ -95,7 +95,7 @@ Sequence load_euroc_sequence(const std::string& root) {
     sequence.frames.push_back(std::move(frame));
   }
   if (sequence.frames.empty())
-    throw Error(ErrorCode::invalid_argument, root + ": cam0 and cam1 have no image of the same moment, within 1 ms");
+    throw Error(ErrorCode::invalid_argument, root + ": no images of cam0 and cam1 have the same time, within 1 ms");
   std::stable_sort(sequence.frames.begin(), sequence.frames.end(),
                    [](const auto& a, const auto& b) { return a.stamp < b.stamp; });
   return sequence;

@@ -72,14 +72,14 @@ std::optional<ImageHeader> header_of(const std::string& bytes) {
 void check_size(const std::string& path, const ImageHeader& header, uint64_t max_pixels) {
   if (!header.exceeds(max_pixels)) return;
   throw Error(ErrorCode::invalid_argument, path + " is " + std::to_string(header.width) + "x" + std::to_string(header.height) +
-                                               ", more than the " + std::to_string(max_pixels) +
-                                               " pixels that --set max-pixels=N allows: give more if it is meant to be");
+                                               ", but --set max-pixels allows " + std::to_string(max_pixels) +
+                                               " pixels; set it higher if the image is meant to be this large");
 }
 
 cv::Mat decode(const std::string& path, const std::string& bytes, uint64_t max_pixels) {
   if (bytes.empty()) throw Error(ErrorCode::io, "cannot read " + path + ": the file is empty");
   cv::Mat image;
-  std::string why = "not an image that OpenCV can read, or damaged";
+  std::string why = "damaged, or in a format that OpenCV cannot read";
   if (is_truncated_jpeg(bytes) || is_truncated_png(bytes)) {
     why = "the file is truncated";
   } else if (const auto header = header_of(bytes)) {
@@ -142,7 +142,7 @@ cv::Mat load_image(const std::string& path, uint64_t max_pixels) {
     throw Error(ErrorCode::unsupported, path + " is " + type_name(image) + "; grey or colour is needed");
   }
   if (image.depth() == CV_32F && !cv::checkRange(image))
-    throw Error(ErrorCode::invalid_argument, path + " holds NaN or infinite pixels");
+    throw Error(ErrorCode::invalid_argument, path + " has NaN or infinite pixels; replace them, and hide them with --mask");
   if (image.type() == CV_32FC3) cv::cvtColor(image, image, cv::COLOR_BGR2RGB);  // the library knows rgb32f, not bgr32f
   return image;
 }
@@ -159,7 +159,7 @@ cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
   const std::string bytes = read_file(path);
   if (const std::string names = exr_channels(bytes); !names.empty() && names != "Y" && names != "B,G,R" && names != "A,B,G,R")
     throw Error(ErrorCode::invalid_argument,
-                path + " has the EXR channels " + printable(names) + "; write the depth alone into a file, as channel Y");
+                path + " has the EXR channels " + printable(names) + "; write a file with the depth alone, as channel Y");
   cv::Mat raw = decode(path, bytes, max_pixels), depth;
   const std::string remedy = "; a depth image is 16-bit with --depth-scale, or 32-bit float in metres, with 1 channel";
   if (raw.channels() > 1 && raw.depth() >= CV_32F) {
@@ -173,19 +173,18 @@ cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
   if (const double factor = pfm_scale(bytes); factor != 1)
     throw Error(ErrorCode::invalid_argument,
                 path + " is a PFM with the scale " + std::to_string(factor) +
-                    ", by which some writers want the values multiplied and others do not; write it with the scale 1 or -1");
+                    ", which writers do not interpret in the same way; write it with the scale 1 or -1");
   if (raw.channels() != 1) throw Error(ErrorCode::invalid_argument, path + " is " + type_name(raw) + remedy);
   if (raw.depth() == CV_16U) {
     if (!(std::isfinite(scale) && scale > 0))
-      throw Error(
-          ErrorCode::invalid_argument,
-          path + " is 16-bit: say with --depth-scale how many raw units a metre has (TUM RGB-D 5000, millimetres 1000)");
+      throw Error(ErrorCode::invalid_argument,
+                  path + " is 16-bit: give the raw units per metre as --depth-scale (TUM RGB-D: 5000, millimetres: 1000)");
     raw.convertTo(depth, CV_32F, 1 / scale);
   } else if (raw.depth() == CV_32F || raw.depth() == CV_64F) {
     if (scale != 0 && scale != 1)
       throw Error(ErrorCode::invalid_argument,
-                  path + " is float, which is read as metres, but a depth scale of " + units_text(scale) +
-                      " units a metre is given; leave it out, or give --depth-scale 1, if these are metres");
+                  path + " is float, so its values are metres, but the depth scale is " + units_text(scale) +
+                      " units per metre; leave it out, or give --depth-scale 1, if they are metres");
     raw.convertTo(depth, CV_32F);
   } else {
     throw Error(ErrorCode::invalid_argument, path + " is " + type_name(raw) + remedy);
@@ -193,7 +192,7 @@ cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
   const double saturated = raw.depth() == CV_16U ? 65534.5 / scale : std::numeric_limits<double>::infinity();
   if (keep_measured({depth.ptr<float>(), depth.total()}, saturated) == 0)
     throw Error(ErrorCode::invalid_argument,
-                path + " has no pixel with depth (all 0, negative or not finite): is it the depth image of this reference?");
+                path + " has no depth (all pixels are 0, negative or not finite); give the depth image of the reference");
   return depth;
 }
 

@@ -136,8 +136,8 @@ double unit_of_names(const std::vector<fs::path>& files) {
 double list_folders(const fs::path& root, const SequenceOptions& options, Sequence& sequence) {
   const auto images = first_folder(root, {"rgb", "color", "images", "image"}), depths = first_folder(root, {"depth", "depths"});
   if (!images || (!depths && options.need_depth))
-    throw Error(ErrorCode::io, "no " + (root / "rgb.txt").string() +
-                                   ", and no folders rgb (or color, images, image) and depth (or depths) in its place");
+    throw Error(ErrorCode::io,
+                "no " + (root / "rgb.txt").string() + ", nor folders rgb (or color, images, image) and depth (or depths)");
   std::map<std::string, std::string> depth_of;
   if (depths)
     for (const fs::path& file : list_files(*depths)) depth_of[file.stem().string()] = file.string();
@@ -157,8 +157,8 @@ double list_folders(const fs::path& root, const SequenceOptions& options, Sequen
                                {}});
   }
   if (!any_depth && options.need_depth)
-    throw Error(ErrorCode::invalid_argument, "no file of " + depths->string() + " is named as one of " + images->string() +
-                                                 ", as " + files[0].stem().string() + " is");
+    throw Error(ErrorCode::invalid_argument, "no file of " + depths->string() + " has the name of an image in " +
+                                                 images->string() + ", such as " + files[0].stem().string());
   std::stable_sort(sequence.frames.begin(), sequence.frames.end(),
                    [](const auto& a, const auto& b) { return a.stamp < b.stamp; });
   return unit;

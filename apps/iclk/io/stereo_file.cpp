@@ -101,7 +101,7 @@ std::string beside(const std::string& path, const std::string& name) {
     if (fs::exists(other, ignored)) return other.string();
   }
   fail("calibration " + path,
-       "the " + name + " of this OpenCV calibration are missing: there is no " + name + ".yml beside it");
+       "the " + name + " of this OpenCV calibration are missing: put " + name + ".yml into the same folder");
 }
 
 void add_file(StereoFile& file, const std::string& path) {
@@ -131,7 +131,7 @@ StereoFile load_one_file(const std::string& path) {
   } else {
     fail(source,
          "neither a Kalibr camchain (cam0, cam1) nor an OpenCV stereo calibration (M1, D1, M2, D2, R, T); "
-         "EuRoC is given as the folder of cam0/sensor.yaml and cam1/sensor.yaml");
+         "for EuRoC give the folder with cam0/sensor.yaml and cam1/sensor.yaml");
   }
   return file;
 }
@@ -144,7 +144,7 @@ StereoFile load_stereo(const std::string& path) {
   StereoFile file = !fs::is_directory(path, ignored)  ? load_one_file(path)
                     : fs::exists(intrinsics, ignored) ? load_one_file(intrinsics.string())
                                                       : load_euroc(path);
-  if (!(file.T_rl.t.norm() > 0)) fail("calibration " + path, "both cameras are at one place: there is no baseline");
+  if (!(file.T_rl.t.norm() > 0)) fail("calibration " + path, "both cameras have the same position: the baseline is 0");
   return file;
 }
 

@@ -19,7 +19,7 @@ void Video::open() {
   // Those that read files: OpenCV would go on to ask the cameras that are plugged in.
   constexpr cv::VideoCaptureAPIs files[] = {cv::CAP_FFMPEG, cv::CAP_GSTREAMER, cv::CAP_OPENCV_MJPEG};
   if (std::none_of(std::begin(files), std::end(files), [&](int reader) { return capture_->open(path_, reader); }))
-    throw Error(ErrorCode::io, path_ + ": no video that can be read: broken, cut off, or of a codec that OpenCV lacks here");
+    throw Error(ErrorCode::io, path_ + ": cannot be read as a video: damaged, truncated, or in a codec that this OpenCV lacks");
   capture_->set(cv::CAP_PROP_ORIENTATION_AUTO, 0);
   next_ = 0;
 }
@@ -27,7 +27,7 @@ void Video::open() {
 Video::Video(const std::string& path) : path_(path) {
   std::error_code error;
   if (!std::filesystem::is_regular_file(path, error)) throw Error(ErrorCode::io, path + ": no such file");
-  if (std::filesystem::file_size(path, error) == 0) throw Error(ErrorCode::io, path + ": an empty file");
+  if (std::filesystem::file_size(path, error) == 0) throw Error(ErrorCode::io, path + ": the file is empty");
   open();
   const double width = capture_->get(cv::CAP_PROP_FRAME_WIDTH), height = capture_->get(cv::CAP_PROP_FRAME_HEIGHT);
   if (width * height > static_cast<double>(kMaxPixels))
@@ -39,9 +39,9 @@ Video::Video(const std::string& path) : path_(path) {
     if (!std::isfinite(time) || (!times_.empty() && !(time > times_.back()))) times_increase_ = false;
     times_.push_back(time);
   }
-  if (times_.empty()) throw Error(ErrorCode::io, path + ": not a single frame can be decoded");
+  if (times_.empty()) throw Error(ErrorCode::io, path + ": no frame can be decoded");
   if (promised > size() + 1)
-    problem_ = formatted("%s ends after %d of its %.0f frames: is it cut off?", path.c_str(), size(), promised);
+    problem_ = formatted("%s ends after %d of its %.0f frames; it may be truncated", path.c_str(), size(), promised);
   open();
 }
 

@@ -172,8 +172,8 @@ cv::Mat features_picture(const PairInput& pair, const RefinedAlignment& result) 
   for (const auto& [status, count] : counts) rings.ring(status_colour(status), formatted("%d %s", count, status.c_str()));
   std::string line = pair.truth ? formatted("from found to true position%s; mean distance %.2f px",
                                             magnified > 1 ? formatted(", drawn %d times as long", magnified).c_str() : "", mean)
-                                : formatted("back to where the first guess had it; mean distance %.1f px", mean);
-  if (stride > 1) line += formatted("; one feature in %zu has its line", stride);
+                                : formatted("from found position to that of the first guess; mean distance %.1f px", mean);
+  if (stride > 1) line += formatted("; a line for one feature in %zu", stride);
   Legend{canvas, pen, canvas.rows - pen.px(14)}.line(red, line);
   return canvas;
 }

@@ -17,7 +17,7 @@ std::string size_of(const cv::Mat& image) { return std::to_string(image.cols) + 
 void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& reference, const std::string& reference_path) {
   if (image.size() == reference.size()) return;
   throw Error(ErrorCode::invalid_argument, path + " is " + size_of(image) + " but " + reference_path + " is " +
-                                               size_of(reference) + ": they must have one size");
+                                               size_of(reference) + ": they must have the same size");
 }
 
 /// What the reference does not show has no depth: its pixels, and features of the file whose patch they are in.
@@ -82,8 +82,8 @@ uint64_t PairLoader::memory(const PairFiles& files, uint64_t budget) const {
   sum += largest;  // one at a time is there twice: as decoded, and as we want it
   const auto mib = [](uint64_t bytes) { return std::to_string((bytes + (1 << 20) - 1) >> 20); };
   if (sum > budget)
-    throw Error(ErrorCode::invalid_argument, name + ": to decode this pair takes " + mib(sum) + " MiB, more than the " +
-                                                 mib(budget) + " of --memory; give --memory " + mib(sum));
+    throw Error(ErrorCode::invalid_argument, name + ": decoding this pair takes " + mib(sum) + " MiB, but --memory is " +
+                                                 mib(budget) + " MiB; give --memory " + mib(sum));
   return sum;
 }
 
@@ -91,7 +91,7 @@ PairInput PairLoader::load(const PairFiles& files) const {
   const internal::Stopwatch time;
   if (files.depth.empty() && files.features.empty())
     throw Error(ErrorCode::invalid_argument,
-                files.reference + ": a depth image (--depth) or a feature file (--features) is needed");
+                files.reference + ": needs a depth image (--depth) or a feature file (--features)");
   PairInput pair;
   pair.name_0 = files.reference;
   pair.name_1 = files.target;

@@ -114,24 +114,25 @@ PoseError stage_error(const PairInput& pair, const RefinedAlignment& result, con
 std::string hint(Status status, bool feature_file) {
   switch (status) {
     case Status::converged: return "";
-    case Status::max_iterations: return "the pose was still moving: try --set damping=adaptive, or a nearer --initial-pose";
-    case Status::low_overlap: return "little of the reference is inside the target: take a nearer frame or give --initial-pose";
+    case Status::max_iterations: return "the pose was still moving: try --set damping=adaptive, or a closer --initial-pose";
+    case Status::low_overlap: return "the target sees too little of the reference: use a closer frame, or give --initial-pose";
     case Status::degenerate:
       if (feature_file)
-        return "the images do not determine the pose: more features are needed, on texture and spread over the image; where it "
-               "repeats, --initial-pose";
-      return "the images do not determine the pose: they need texture spread over the image and depth, try --count 400 or "
-             "--set detector=grid; where it repeats, --initial-pose";
+        return "the images do not determine the pose: give more features, on texture and all over the image; if the texture "
+               "repeats, give --initial-pose";
+      return "the images do not determine the pose: they need texture and depth all over the image; try --count 400 or "
+             "--set detector=grid; if the texture repeats, give --initial-pose";
     case Status::too_few_features:
-      if (feature_file) return "the feature file needs more points that lie inside the reference, on texture, and have a depth";
-      return "too few usable features: is the depth image of this reference, is --depth-scale right? try --count 400 or "
-             "--set detector=grid";
+      if (feature_file)
+        return "too few usable features: they must lie inside the reference, on texture, and have a depth; give more";
+      return "too few usable features: check that --depth belongs to this reference and that --depth-scale is right; or try "
+             "--count 400 or --set detector=grid";
     case Status::diverged:
-      return "the images do not agree: do they show the same place, not rolled by more than 30 degrees (else give "
-             "--initial-pose or a nearer frame)? are --camera and --depth-scale right?";
+      return "the images do not agree: check that they show the same place, and that --camera and --depth-scale are right; if "
+             "the roll is above 30 degrees, give --initial-pose or a closer frame";
     case Status::ambiguous:
-      return "another pose explains the images as well: hide with --mask what moves by itself or stands still with the "
-             "camera; where the texture repeats, give --initial-pose";
+      return "another pose explains the images just as well: hide moving objects, and all that is fixed to the camera, with "
+             "--mask; if the texture repeats, give --initial-pose";
   }
   return "";
 }
@@ -228,12 +229,12 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   out += "\nfeatures   " + feature_line(pair, result) + "\n";
   out += formatted("visible    %.0f %% of the pixels used fall into the target\n", 100 * result.iclk.visible_fraction);
   if (result.turn)
-    out += formatted("shutter    rows read one by one: bent by %.2f deg of turning, which is taken out\n",
-                     result.turn->norm() / kDegree);
+    out +=
+        formatted("shutter    rolling: corrected for %.2f deg of rotation during the readout\n", result.turn->norm() / kDegree);
   if (const auto fixed = std::count(result.fixed.begin(), result.fixed.end(), true); fixed > 0)
-    out += formatted("overlay    %d features stand still with the camera\n", static_cast<int>(fixed));
+    out += formatted("overlay    %d features are fixed to the camera\n", static_cast<int>(fixed));
   for (const Rival& r : result.rivals)
-    out += formatted("rival      %d features agree on %s\n", r.inliers, tum_line(r.T_10).c_str());
+    out += formatted("rival      %d features agree on the pose %s\n", r.inliers, tum_line(r.T_10).c_str());
   out += "T_10       tx ty tz [m] qx qy qz qw, camera 0 to camera 1:\n           " + tum_line(result.T_10) + "\n";
   out += formatted("motion     %.1f mm, %.3f deg", 1e3 * result.T_10.t.norm(), result.T_10.angle() / kDegree);
   if (has_covariance(result)) {

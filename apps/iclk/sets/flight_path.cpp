@@ -27,11 +27,11 @@ StampedPose between(const StampedPose& a, const StampedPose& b, double time) {
 
 FlightPath::FlightPath(std::vector<StampedPose> poses, const std::string& source) : poses_(std::move(poses)) {
   const auto fail = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, source + ": " + why); };
-  if (poses_.empty()) fail("there is no pose: lines 'timestamp tx ty tz qx qy qz qw' are expected");
+  if (poses_.empty()) fail("has no pose; give lines 'timestamp tx ty tz qx qy qz qw'");
   if (!(begin() >= 0) || !(end() < kLatest))
-    fail(formatted("times from %.12g to %.12g s; 0 to %.12g are possible", begin(), end(), kLatest));
+    fail(formatted("has times from %.12g to %.12g s; they must be 0 to %.12g", begin(), end(), kLatest));
   for (size_t i = 1; i < poses_.size(); ++i)
-    if (!(poses_[i].stamp - poses_[i - 1].stamp >= kSameTime)) fail(formatted("two poses at %.12g s", poses_[i].stamp));
+    if (!(poses_[i].stamp - poses_[i - 1].stamp >= kSameTime)) fail(formatted("has two poses at %.12g s", poses_[i].stamp));
 }
 
 SE3 FlightPath::at(double time) const {

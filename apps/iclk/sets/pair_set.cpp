@@ -78,7 +78,8 @@ void PairSet::read_lines() {
     const uint64_t index = json["meta"]["index"].get<uint64_t>();
     sorted_ = sorted_ && (lines_.empty() || index > lines_.rbegin()->first);
     if (!lines_.emplace(index, std::move(json)).second)
-      refuse(manifest() + ":" + std::to_string(number) + ": pair " + std::to_string(index) + " comes twice");
+      refuse(manifest() + ":" + std::to_string(number) + ": pair " + std::to_string(index) +
+             " appears twice; remove one of the lines");
   }
   if (whole != text.size() && ::ftruncate(file_, static_cast<off_t>(whole)) != 0)
     throw Error(ErrorCode::io, "cannot write " + manifest() + ": " + std::strerror(errno));

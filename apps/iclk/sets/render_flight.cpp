@@ -31,9 +31,10 @@ std::vector<FlightFrame> frames_of(const RenderCommand& command, const FlightPat
   std::vector<FlightFrame> frames;
   for (const double t : path.times(command.rate, 1e-3 * command.readout)) frames.push_back({t, path.at(t)});
   if (frames.empty())
-    throw Error(ErrorCode::invalid_argument,
-                fmt::format("--readout {} ms: no frame lies half of it behind the first pose and before the last one of {}",
-                            command.readout, command.trajectory));
+    throw Error(
+        ErrorCode::invalid_argument,
+        fmt::format("--readout {} ms: no frame is half of it after the first pose and half of it before the last pose of {}",
+                    command.readout, command.trajectory));
   return frames;
 }
 
@@ -46,8 +47,8 @@ void check_heights(const std::vector<FlightFrame>& frames, const RenderedCameras
       const auto ground = terrain.height_at(C.x(), C.y());
       if (ground && C.z() < *ground + kNearest)
         throw Error(ErrorCode::invalid_argument,
-                    fmt::format("the {}camera at {:.6f} s is at {:.9g}, {:.9g}, {:.9g}; the ground there is {:.9g} m high: it "
-                                "must be above. The map is {}",
+                    fmt::format("the {}camera at {:.6f} s is at {:.9g}, {:.9g}, {:.9g}, but the ground there is {:.9g} m high: "
+                                "it must be above the ground. The map is {}",
                                 right ? "right " : "", f.time, C.x(), C.y(), C.z(), *ground, terrain.extent().text()));
     }
 }
@@ -134,7 +135,7 @@ std::string render_flight(const RenderCommand& command, TerrainRenderer& rendere
   for (uint64_t i = 0; i < frames; ++i) done += there(i);
   if (done < frames)
     return fmt::format(
-        "{} of {} frames in {}{}lists follow when all are there: run the other shards, or the same command "
+        "{} of {} frames in {}{}The lists are written when all frames are there: run the other shards, or the same command "
         "without --shard\n",
         done, frames, command.out, rendered);
   remove_half_written(command.out, files.folders());

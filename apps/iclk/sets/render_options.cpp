@@ -29,7 +29,7 @@ constexpr double kFocal = 455;  // px at kWidth
 std::vector<double> numbers(const std::string& text, size_t count, const std::string& option) {
   std::vector<double> values = parse_numbers(text, option);
   if (values.size() != count)
-    refuse(option + " '" + printable(text) + "': " + std::to_string(count) + " numbers are needed, separated by commas");
+    refuse(option + " '" + printable(text) + "': must be " + std::to_string(count) + " numbers, separated by commas");
   return values;
 }
 
@@ -62,14 +62,14 @@ double tilt_degrees(const RenderCommand& command) { return command.tilt.value_or
 Terrain make_terrain(const RenderCommand& command) {
   if (command.terrain.empty()) {
     if (command.ortho.empty() || command.elevation.empty())
-      refuse("which terrain? --ortho and --elevation (GeoTIFF), or --terrain procedural:SEED");
+      refuse("no terrain: give --ortho and --elevation (GeoTIFF), or --terrain procedural:SEED");
     return load_terrain(command.ortho, command.elevation);
   }
   if (!command.ortho.empty() || !command.elevation.empty())
     refuse("--terrain makes its own mosaic and elevation; leave out --ortho and --elevation");
   const auto bad = [&] {
     refuse("--terrain '" + printable(command.terrain) +
-           "': procedural:SEED or procedural:SEED:METRES, in whole numbers, is what there is");
+           "': must be procedural:SEED or procedural:SEED:METRES, with whole numbers");
   };
   const std::vector<std::string> words = split_words(command.terrain, ":");
   if (words.size() < 2 || words.size() > 3 || words[0] != "procedural") bad();
@@ -88,7 +88,7 @@ RenderedCameras make_cameras(const RenderCommand& command) {
     if (!command.shock.empty()) {
       const std::vector<double> shock = numbers(command.shock, 2, "--shock");
       if (!(shock[0] >= 0 && shock[0] <= 90 && shock[1] >= 0) || !std::isfinite(shock[1]))
-        refuse("--shock " + command.shock + ": degrees, 0 to 90, and metres that are not negative");
+        refuse("--shock " + command.shock + ": must be DEGREES,METRES, 0 to 90 degrees and 0 m or more");
       T_rl = T_rl * knock(shock[1], shock[0] * kDegree, command.pair.seed);
     }
     cameras.left = fitted(file.left, command.size);

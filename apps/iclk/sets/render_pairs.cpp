@@ -63,7 +63,7 @@ std::string statistics(const PairSet& set) {
       ++s.count;
     }
   }
-  std::string text = "what was drawn, in the mean (least to greatest); errors are those of a start without motion:\n";
+  std::string text = "means of the set (least to greatest); the errors are those of a start without motion:\n";
   for (const Series& s : all) {
     if (s.count == 0) continue;
     text += formatted("  %-9s %9.4g %-3s (%.4g to %.4g)\n", s.name, s.sum / static_cast<double>(s.count), s.unit, s.least,
@@ -95,7 +95,8 @@ std::string render_view(const RenderCommand& command, TerrainRenderer& renderer,
   Json json = {{"camera", camera_json(left.camera)}, {"T_WC", tum_line(T_WC)}};
   if (!left.lens.empty()) json["distortion"] = distortion_text(left.lens.distortion());
   if (std::all_of(view.depth.begin(), view.depth.end(), [](float z) { return z == 0; }))
-    spdlog::warn("nothing is seen: the map is {}, the camera at {}", renderer.terrain().extent().text(), tum_line(T_WC));
+    spdlog::warn("the view shows no ground: the map is {}, the camera is at {}", renderer.terrain().extent().text(),
+                 tum_line(T_WC));
   if (!cameras.rig) {
     write_file(command.out + "/view.png", encode_view(view));
     write_file(command.out + "/depth.tiff", encode_depth(view));

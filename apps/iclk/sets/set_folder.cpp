@@ -40,14 +40,14 @@ void open_set_folder(const std::string& folder, const std::string& file, const s
   if (!fs::exists(path)) {
     for (const auto& entry : fs::directory_iterator(folder))
       if (!entry.path().filename().string().starts_with(file + ".part"))
-        refuse(folder + " holds other files (" + printable(entry.path().filename().string()) + ") and no " + file +
+        refuse(folder + " has other files (" + printable(entry.path().filename().string()) + ") and no " + file +
                ": give an empty or new folder as --out");
     write_file(path, Json{{kind, kVersion}, {"options", options}, {"about", about}}.dump(2) + "\n");
   } else {
     std::string why;
     const Json old = parse_json(read_file(path), &why);
     if (!old.is_object() || old.value(kind, 0) != kVersion || !old.contains("options") || !old["options"].is_object())
-      refuse(path + " is damaged or not of a set of this version" + (why.empty() ? "" : " (" + why + ")") +
+      refuse(path + " is damaged, or was written by another version of iclk" + (why.empty() ? "" : " (" + why + ")") +
              ": give another --out");
     compare_options(path, old["options"], options);
   }

@@ -29,7 +29,7 @@ namespace fs = std::filesystem;
 std::vector<std::string> images_of(const std::string& folder) {
   std::vector<std::string> files;
   for (const fs::path& file : list_files(folder)) files.push_back(file.string());
-  if (files.empty()) throw Error(ErrorCode::invalid_argument, folder + ": there are no images");
+  if (files.empty()) throw Error(ErrorCode::invalid_argument, folder + ": no images in this folder");
   return files;
 }
 
@@ -53,7 +53,8 @@ class Loader {
     Loaded out;
     cv::Mat left = image(files.left, camera), right = image(files.right, right_);
     if (left.size() == right.size() && left.type() == right.type() && cv::norm(left, right, cv::NORM_INF) == 0)
-      throw Error(ErrorCode::invalid_argument, files.left + " and " + files.right + " are one image");
+      throw Error(ErrorCode::invalid_argument,
+                  files.left + " and " + files.right + " are the same image; give a left and a right one");
     const Levels levels{left, right};
     levels.apply(left);
     levels.apply(right);
@@ -77,7 +78,7 @@ class Loader {
       if (depth.empty())
         throw Error(
             ErrorCode::invalid_argument,
-            files.left + " has neither depth nor features; give --depth, or --distance METRES, about, if there are none");
+            files.left + " has neither depth nor features; give --depth, or without any --distance METRES (approximate)");
       out.features = detect_features(view(out.left), view(depth), view(undistort_left_->seen()), options_.detector);
     }
     if (out.features.inverse_depth_sigma.empty()) options_.depth_sigma.apply(camera, out.features);
@@ -89,8 +90,8 @@ class Loader {
  private:
   static void check_size(const cv::Mat& m, const std::string& path, const Camera& camera) {
     if (m.cols != camera.width || m.rows != camera.height)
-      throw Error(ErrorCode::invalid_argument, fmt::format("{} has {}x{} pixels, the first pair's camera {}x{}", path, m.cols,
-                                                           m.rows, camera.width, camera.height));
+      throw Error(ErrorCode::invalid_argument, fmt::format("{} has {}x{} pixels, but the camera of the first pair has {}x{}",
+                                                           path, m.cols, m.rows, camera.width, camera.height));
   }
   static cv::Mat image(const std::string& path, const Camera& camera) {
     cv::Mat m = load_image(path);
@@ -191,7 +192,7 @@ std::vector<StereoFiles> list_pairs(const std::string& path) {
     const auto fail = [&](const std::string& why) { throw Error(ErrorCode::invalid_argument, where + ": " + why); };
     std::string why;
     const nlohmann::ordered_json json = parse_json(line, &why);
-    if (!json.is_object()) fail(why.empty() ? "a JSON object is expected" : why);
+    if (!json.is_object()) fail(why.empty() ? "must be a JSON object" : why);
     StereoFiles files;
     for (const auto& [key, value] : json.items()) {
       if (value.is_null() || key == "meta") continue;
@@ -205,13 +206,13 @@ std::vector<StereoFiles> list_pairs(const std::string& path) {
                         : key == "depth"    ? &files.depth
                         : key == "features" ? &files.features
                                             : nullptr;
-      if (to == nullptr) fail("key '" + printable(key) + "' is not known; left, right, depth, features, time and meta are");
+      if (to == nullptr) fail("unknown key '" + printable(key) + "'; known are left, right, depth, features, time and meta");
       if (!value.is_string() || value.get<std::string>().empty()) fail("key '" + key + "' is not the name of a file");
       *to = (folder / value.get<std::string>()).string();
     }
     if (files.left.empty() || files.right.empty()) fail("keys 'left' and 'right' are required");
     if (!pairs.empty() && pairs.front().time.has_value() != files.time.has_value())
-      fail("key 'time' has to be in all lines or in none");
+      fail("key 'time' must be in all lines or in none");
     pairs.push_back(files);
   }
   if (pairs.empty()) throw Error(ErrorCode::invalid_argument, path + ": there are no pairs");
@@ -267,25 +268,26 @@ std::string to_text(const StereoReport& report) {
       translation = std::max(translation, (report.flex.mean.inverse() * s.T_rl).t.norm());
     }
     return fmt::format(
-        "pairs      {} of {} gave a pose of their own\nbending    up to {:.3f} degrees and {:.4g} of the mean\n"
+        "pairs      {} of {} have a pose of their own\nbending    up to {:.3f} degrees and {:.4g} m from the mean\n"
         "epipolar   {:.3f} px before, {:.3f} px after\ndevice     {}, {:.1f} s\n",
         valid, report.measurements.size(), rotation / kDegree, translation, report.epipolar_before, report.epipolar_after,
         report.device, report.seconds);
   }
   const RigResult& r = report.rig;
   if (!r.usable)
-    return fmt::format("no answer  {}\n",
+    return fmt::format("no result  {}\n",
                        report.measurements.empty() ? r.reason : "no pair could be aligned: " + report.reasons[0]);
   const SE3 change = report.prior.inverse() * r.T_rl;
   return fmt::format(
-      "the rig {}: by {:.4f} +- {:.4f} degrees and {:.4g} +- {:.2g} (chi-square {:.4g}, more than {:.1f} is a move)\n"
+      "the rig {}: by {:.4f} +- {:.4f} degrees and {:.4g} +- {:.2g} m (chi-square {:.4g}; a move is above {:.1f})\n"
       "pairs      {}\n"
       "epipolar   {:.3f} px before, {:.3f} px after\n"
       "{}device     {}, {:.1f} s\n",
       r.moved ? "has moved" : "has not moved", change.angle() / kDegree,
       std::sqrt(r.covariance.bottomRightCorner<3, 3>().trace()) / kDegree, change.t.norm(),
       std::sqrt(r.covariance.topLeftCorner<3, 3>().trace()), r.chi_square, r.threshold, r.reason, r.epipolar_before,
-      r.epipolar_after, r.scale_from_prior ? "scale      from prior: the images do not see the length of the baseline\n" : "",
+      r.epipolar_after,
+      r.scale_from_prior ? "scale      from the old calibration: the images do not show the length of the baseline\n" : "",
       report.device, report.seconds);
 }
 

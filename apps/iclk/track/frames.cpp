@@ -35,7 +35,7 @@ void RecordedFrames::load(const FramesOptions& options) {
       sequence_.frames.push_back(
           {video_->times().empty() ? i / options.rate : video_->times()[static_cast<size_t>(i)], options.folder, {}, {}, {}});
     if (options.depth.empty())
-      throw Error(ErrorCode::invalid_argument, options.folder + " is a video, which has no depth: give --depth");
+      throw Error(ErrorCode::invalid_argument, options.folder + " is a video, so it has no depth: give --depth");
   } else if (const auto euroc = euroc_root(options.folder)) {
     sequence_ = load_euroc_sequence(*euroc);
   } else {
@@ -53,8 +53,9 @@ void RecordedFrames::give_depth() {
   }
   const auto files = list_files(options_.depth);
   if (files.empty() || files.size() > sequence_.frames.size())
-    throw Error(ErrorCode::invalid_argument, fmt::format("{} has {} depth images, {} has {} frames", options_.depth,
-                                                         files.size(), options_.folder, sequence_.frames.size()));
+    throw Error(ErrorCode::invalid_argument,
+                fmt::format("{} has {} depth images, but {} has {} frames: give at least one, and at most one per frame",
+                            options_.depth, files.size(), options_.folder, sequence_.frames.size()));
   for (size_t i = 0; i < files.size(); ++i) sequence_.frames[i].depth = files[i].string();
 }
 
@@ -68,8 +69,8 @@ void RecordedFrames::load_masks() {
   for (const auto& file : list_files(options_.mask)) masks_.push_back(file.string());
   if (masks_.size() != sequence_.frames.size())
     throw Error(ErrorCode::invalid_argument,
-                fmt::format("{} has {} masks, {} has {} frames: give a mask a frame, or one image for all", options_.mask,
-                            masks_.size(), options_.folder, sequence_.frames.size()));
+                fmt::format("{} has {} masks, but {} has {} frames: give one mask per frame, or one image for all",
+                            options_.mask, masks_.size(), options_.folder, sequence_.frames.size()));
 }
 
 RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options) {
@@ -78,7 +79,7 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
     throw Error(ErrorCode::io, options.folder + (video_ ? " is a video" : " has no camera.txt") + ": give --camera");
   if (sequence_.rig && (options.camera || options.distortion))
     throw Error(ErrorCode::invalid_argument,
-                options.folder + " is a stereo recording with sensor.yaml: --camera and --distortion do not go with it");
+                options.folder + " is a stereo recording with sensor.yaml: leave --camera and --distortion out");
   const CameraFile file = options.camera ? *options.camera : sequence_.rig ? sequence_.rig->left : *sequence_.camera;
   scale_ = options.depth_scale > 0 ? options.depth_scale : file.depth_scale;
   distortion_ = options.distortion.value_or(file.distortion);
@@ -91,13 +92,13 @@ RecordedFrames::RecordedFrames(const FramesOptions& options) : options_(options)
       ++doubled_;
   }
   if (chosen_.empty())
-    throw Error(ErrorCode::invalid_argument, options.folder + " has " + std::to_string(end) + " frames, none of them from " +
-                                                 std::to_string(options.first) + " on");
+    throw Error(ErrorCode::invalid_argument,
+                options.folder + " has " + std::to_string(end) + " frames, but --first is " + std::to_string(options.first));
   give_depth();
   const cv::Mat first = image_of(0);
   if (first.depth() == CV_16U) find_levels();
   if (sequence_.rig && options.depth_along_ray)
-    throw Error(ErrorCode::invalid_argument, options.folder + " is a stereo recording: --depth-along-ray does not go with it");
+    throw Error(ErrorCode::invalid_argument, options.folder + " is a stereo recording: leave --depth-along-ray out");
   if (sequence_.rig) {
     stereo_.emplace(*sequence_.rig, first.cols, first.rows);
     camera_ = stereo_->camera();
@@ -136,7 +137,7 @@ cv::Mat RecordedFrames::image_of(int i) {
 
 void RecordedFrames::check_size(const cv::Mat& image, const std::string& path) const {
   if (image.cols != camera_.width || image.rows != camera_.height)
-    throw Error(ErrorCode::invalid_argument, fmt::format("{} has {}x{} pixels, the first image {}x{}", path, image.cols,
+    throw Error(ErrorCode::invalid_argument, fmt::format("{} has {}x{} pixels, but the first image has {}x{}", path, image.cols,
                                                          image.rows, camera_.width, camera_.height));
 }
 

@@ -59,7 +59,7 @@ Journal::Journal(const std::string& folder, nlohmann::ordered_json options, bool
   state_path_ = path("stopped.state");
   lines_path_ = path("frames.jsonl");
   live_path_ = path("live.txt");
-  lock_.emplace(lines_path_, "another iclk track writes there: give another --out");
+  lock_.emplace(lines_path_, "another iclk track is writing it: give another --out");
   if (!fresh && fs::exists(state_path_)) restore(folder, tracker);
   last_saved_ = counts_.seconds;
   lines_ = open_at(lines_path_, lines_size_);
@@ -75,21 +75,21 @@ void Journal::restore(const std::string& folder, Tracker& tracker) {
     const auto head =
         nlohmann::ordered_json::parse(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(std::min(end, bytes.size())));
     if (const std::string other = other_option(head.at("options"), options_); !other.empty())
-      refuse(folder + " holds a stopped run " + other + ": give the same to continue, another --out, or --fresh");
+      refuse(folder + " has a stopped run " + other + ": give the same to continue, another --out, or --fresh");
     lines_size_ = head.at("frames_jsonl");
     live_size_ = head.at("live_txt");
     counts_ = {head.at("seconds"), head.at("without_depth"), head.at("unreadable"), head.at("first_problem")};
     const std::string lines = read_file(lines_path_);
     if (lines.size() < lines_size_ || fs::file_size(live_path_) < live_size_)
-      throw Error(ErrorCode::invalid_argument, "frames.jsonl or live.txt is shorter than it was");
+      throw Error(ErrorCode::invalid_argument, "frames.jsonl or live.txt has become shorter");
     for (const std::string_view line : lines_of(std::string_view(lines).substr(0, lines_size_)))
       if (!line.empty()) results_.push_back(parse_frame_json(line));
     tracker.restore({reinterpret_cast<const uint8_t*>(bytes.data()) + end + 1, bytes.size() - end - 1});
   } catch (const nlohmann::json::exception&) {
-    throw Error(ErrorCode::invalid_argument, state_path_ + " is broken: --fresh begins anew");
+    throw Error(ErrorCode::invalid_argument, state_path_ + " is damaged: start again with --fresh");
   } catch (const Error& error) {
     if (std::strstr(error.what(), "--fresh")) throw;
-    throw Error(error.code(), state_path_ + ": " + error.what() + "; --fresh begins anew");
+    throw Error(error.code(), state_path_ + ": " + error.what() + "; start again with --fresh");
   }
 }
 

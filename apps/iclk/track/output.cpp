@@ -93,7 +93,7 @@ TrackResult parse_frame_json(std::string_view text) {
     r.sigma = line.at("sigma_px");
     return r;
   } catch (const nlohmann::json::exception& error) {
-    throw Error(ErrorCode::invalid_argument, std::string("no line of frames.jsonl: ") + error.what());
+    throw Error(ErrorCode::invalid_argument, std::string("not a line of frames.jsonl: ") + error.what());
   }
 }
 
@@ -139,7 +139,7 @@ std::string path_png(std::span<const TrackedFrame> frames, const std::vector<SE3
   const char* const names[] = {"x [m]", "y [m]", "z [m]"};
   const double side = std::max({(high - low)(a), (high - low)(b), 1e-3}) * 1.1;
   const Eigen::Vector3d middle = (low + high) / 2;
-  Plot plot{.title = "The way of the camera",
+  Plot plot{.title = "Path of the camera",
             .x_label = names[a],
             .y_label = names[b],
             .x0 = middle(a) - side / 2,

@@ -188,20 +188,21 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
 std::string to_text(const TrackReport& r) {
   std::string text = fmt::format("frames     {}: {} tracked, {} of them not confirmed by features, {} lost; {} keyframes\n",
                                  r.frames, r.frames - r.lost, r.unconfirmed, r.lost, r.keyframes);
-  if (r.continued > 0) text += fmt::format("continued  behind {} frames of a run that was stopped\n", r.continued);
+  if (r.continued > 0) text += fmt::format("continued  after {} frames of a run that was stopped\n", r.continued);
   const TrackCounts& c = r.counts;
-  if (c.without_depth > 0) text += fmt::format("depth      {} frames have none near in time\n", c.without_depth);
+  if (c.without_depth > 0) text += fmt::format("depth      {} frames have no depth image near in time\n", c.without_depth);
   if (c.unreadable > 0) text += fmt::format("unreadable {}, the first: {}\n", c.unreadable, c.first_problem);
-  if (r.doubled > 0) text += fmt::format("left out   {} frames as late as the one before\n", r.doubled);
-  text += fmt::format("speed      {:.1f} frames/s on {}: alignment {:.1f} ms a frame, new keyframes {:.1f}, bundles {:.1f}\n",
-                      r.frames / c.seconds, r.device, r.align_ms / r.frames, r.keyframe_ms / r.frames, r.bundle_ms / r.frames);
+  if (r.doubled > 0) text += fmt::format("left out   {} frames that are not later than the one before\n", r.doubled);
+  text +=
+      fmt::format("speed      {:.1f} frames/s on {}: ms per frame: alignment {:.1f}, new keyframes {:.1f}, bundles {:.1f}\n",
+                  r.frames / c.seconds, r.device, r.align_ms / r.frames, r.keyframe_ms / r.frames, r.bundle_ms / r.frames);
   if (r.elsewhere > 0) text += fmt::format("maps       {} more frames were tracked in other maps\n", r.elsewhere);
-  if (r.readout_used != 0) text += fmt::format("shutter    rows taken as read in {:.1f} ms\n", 1000 * r.readout_used);
-  if (r.readout_used == 0 && r.readout_sought) text += "shutter    no readout found: rows taken as read at once\n";
+  if (r.readout_used != 0) text += fmt::format("shutter    rolling, with a readout of {:.1f} ms\n", 1000 * r.readout_used);
+  if (r.readout_used == 0 && r.readout_sought) text += "shutter    no readout found: treated as a global shutter\n";
   const double off = std::abs(r.readout - r.readout_used);
   if (off > kLeastReadout && off > kReadoutSigmas * r.readout_sigma)
-    text += fmt::format("           features say {:.1f} +- {:.1f} ms{}\n", 1000 * r.readout, 1000 * r.readout_sigma,
-                        r.readout_used == 0 && !r.readout_sought ? "; --readout auto looks for it" : "");
+    text += fmt::format("           the features suggest {:.1f} +- {:.1f} ms{}\n", 1000 * r.readout, 1000 * r.readout_sigma,
+                        r.readout_used == 0 && !r.readout_sought ? "; --readout auto estimates it" : "");
   if (!r.live) return text + "truth      none\n";
   for (const auto& [name, e] : {std::pair("live", *r.live), std::pair("adjusted", *r.adjusted)})
     text += fmt::format("{:<10} {}\n", name, to_text(e));

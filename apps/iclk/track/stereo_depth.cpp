@@ -28,10 +28,9 @@ StereoDepth::StereoDepth(const StereoFile& rig, int width, int height) {
                     cv::CALIB_ZERO_DISPARITY, 0, size);
   baseline_ = -P1.at<double>(0, 3) / P1.at<double>(0, 0);
   if (!(baseline_ > 0) || !std::isfinite(baseline_))
-    throw Error(
-        ErrorCode::invalid_argument,
-        fmt::format("the rig's right camera does not stand to the right of the left one: T_rl is [{:.4g} {:.4g} {:.4g}]",
-                    rig.T_rl.t.x(), rig.T_rl.t.y(), rig.T_rl.t.z()));
+    throw Error(ErrorCode::invalid_argument,
+                fmt::format("the right camera of the rig is not to the right of the left one: T_rl is [{:.4g} {:.4g} {:.4g}]",
+                            rig.T_rl.t.x(), rig.T_rl.t.y(), rig.T_rl.t.z()));
   camera_ = {P0.at<double>(0, 0), P0.at<double>(1, 1), P0.at<double>(0, 2), P0.at<double>(1, 2), width, height};
   Eigen::Matrix3d to_rectified[2];
   cv::cv2eigen(R0, to_rectified[0]);

@@ -1,4 +1,4 @@
-"""Millions of pairs on Ray: `python -m iclk.ray MANIFEST --out DIR` (`--help`), or a step of a Ray Dataset of your own.
+"""Millions of pairs on Ray: `python -m iclk.ray MANIFEST --out DIR` (see `--help`), or a step of your own Ray Dataset.
 
     import iclk.ray, ray
     pairs = ray.data.read_parquet("pairs/")     # columns: the keys of a manifest of `iclk batch`; images as paths or bytes
@@ -42,16 +42,16 @@ def align(
     max_pixels: int = 8192 * 8192,
     **options: Any,
 ) -> Dataset:
-    """A row a pair: what `iclk batch` answers, to the bit. Lazy, as all of Ray Data.
+    """Returns one row per pair, with the results of `iclk batch`, bit for bit. Lazy, as all of Ray Data.
 
     pairs: columns with the names of a manifest's keys (`iclk batch --help`): reference and target, with depth or features;
-    image and feature files as paths, or as bytes of what is in them. workers: processes, each with ``cpus`` and ``gpus`` of
-    Ray's resources (0.5: two share a GPU) and one warm aligner. batch_size: rows a task. batch: pairs on the device at a time,
-    16 unless given, less where its memory does not suffice. threads: that decode; default: one a CPU. Other arguments: options
-    of `iclk batch` and ``iclk.Options``.
+    image and feature files as paths, or as the bytes of the files. workers: processes, each with ``cpus`` and ``gpus`` of
+    Ray's resources (0.5: two share a GPU) and one aligner. batch_size: rows per task. batch: pairs that are aligned together;
+    default: 16, fewer if the memory does not suffice. threads: for decoding; default: one per CPU. Other arguments: options of
+    `iclk batch` and ``iclk.Options``.
 
     A row has id, status, reason, T_10 (16 numbers), covariance (36), ... (``iclk.ray._worker.SCHEMA``). A pair that cannot be
-    read has the status "error" and the reason. A worker whose device fails ends, and Ray starts another one.
+    read has status "error" and a reason. If the device of a worker fails, the worker ends and Ray starts another one.
     """
     from ._worker import PairWorker
 

@@ -15,33 +15,34 @@ from iclk._models import default_model
 MISSING = "iclk.ray: {} is not installed: pip install 'iclk[ray]'"
 
 DESCRIPTION = """\
-Aligns the pairs of a manifest on Ray; the answers are those of `iclk batch`, to the bit.
+Aligns the pairs of a manifest on Ray. The results are those of `iclk batch`, bit for bit.
 
-MANIFEST: JSON lines as of `iclk batch` (its --help has the keys); or a Parquet file or a folder of such, whose columns have the
-names of these keys and hold image and feature files as paths or as bytes. Relative paths begin at the manifest's folder, which
-all machines see under one name, as they do DIR.
+MANIFEST: JSON lines as for `iclk batch` (its --help lists the keys), a Parquet file, or a folder of Parquet files. Parquet
+columns have the names of these keys; image and feature files are paths or bytes. Relative paths start at the manifest's folder.
+All machines must see that folder and DIR under the same names.
 """
 
 EPILOG = """\
-DIR gets a Parquet file for every --shard-pairs lines, `pairs-000000-of-000040.parquet`, once all of them are done: a row a
-pair, in the manifest's order. T_10 is 16 numbers, covariance 36, row by row. A pair that cannot be read or is badly described
-has the status "error" and the reason; it is not tried again unless --retry asks. Where a machine is at fault (device lost, disk
-or network error, killed), its shard is begun again by a new worker, three times in all; _faults.jsonl says why.
+DIR gets one Parquet file for every --shard-pairs lines, `pairs-000000-of-000040.parquet`, once all of them are done: one row
+per pair, in the order of the manifest. T_10 has 16 numbers, covariance 36, row by row. A pair that cannot be read or is
+described wrongly has status "error" and a reason; only --retry runs it again. If a machine fails (device lost, disk or network
+error, killed), a new worker starts its shard again, up to three times in all; _faults.jsonl lists the causes.
 
-Run the same command again to continue after Ctrl-C, a kill or a lost machine: shards with a file are skipped, and no pair is
-twice in the results. Another manifest, other options or another iclk need another DIR. Not taken from `iclk batch`: the
-settings dense, detector=random and camera-sigma, "errors" (the row has the truth instead) and the watch over files that change.
+To continue after Ctrl-C, a kill or a lost machine, run the same command again: it skips shards that have a file, and no pair
+appears twice. Another manifest, other options or another version of iclk need another DIR. Not supported, unlike in
+`iclk batch`: the settings dense, detector=random and camera-sigma, "errors" (the row has the truth instead), and the check for
+files that have changed.
 
 Examples:
-  python -m iclk.ray pairs.jsonl --camera camera.txt --out results                         # this machine, a worker a core
+  python -m iclk.ray pairs.jsonl --camera camera.txt --out results                         # this machine, one worker per core
   python -m iclk.ray pairs.jsonl --camera camera.txt --out results --workers 2 --cpus 1    # 2 workers
-  python -m iclk.ray pairs.jsonl --camera camera.txt --out results --address auto --gpus 0.5   # the cluster; 2 a GPU
-  python -m iclk.ray pairs.jsonl --camera camera.txt --out results --retry                 # after mending what was broken
+  python -m iclk.ray pairs.jsonl --camera camera.txt --out results --address auto --gpus 0.5   # the cluster; 2 workers per GPU
+  python -m iclk.ray pairs.jsonl --camera camera.txt --out results --retry                 # after repairing files
   python -c "import pyarrow.parquet as pq; print(pq.read_table('results').group_by('status').aggregate([('id', 'count')]))"
 
 Exit codes: 0 every pair has a row and none is an error; 20 every pair has a row, some with status "error"; 130 stopped by
 Ctrl-C, 143 by SIGTERM; 2 wrong usage, 3 bad manifest, options or results of another run, 4 a file cannot be read or written,
-5 no Vulkan driver or no such device, 6 machines failed and pairs remain: the same command continues; 1 a defect of iclk.
+5 no Vulkan driver or no such device, 6 machines failed and pairs remain (the same command continues); 1 a defect of iclk.
 """
 
 EXITS = {"invalid_argument": 3, "unsupported": 3, "io": 4, "no_driver": 5, "no_device": 5}
@@ -65,11 +66,11 @@ SETTINGS = {
 def setting(text: str) -> tuple[str, Any]:
     name, _, value = text.partition("=")
     if name not in SETTINGS:
-        raise argparse.ArgumentTypeError(f"{text}: NAME=VALUE expected, with one of the names {', '.join(SETTINGS)}")
+        raise argparse.ArgumentTypeError(f"{text}: must be NAME=VALUE with one of the names {', '.join(SETTINGS)}")
     try:
         return name.replace("-", "_"), SETTINGS[name](value)
     except (KeyError, ValueError):
-        raise argparse.ArgumentTypeError(f"{text}: another value expected, as `iclk batch --help` says") from None
+        raise argparse.ArgumentTypeError(f"{text}: invalid value; `iclk batch --help` lists the values") from None
 
 
 def parser() -> argparse.ArgumentParser:
@@ -77,18 +78,18 @@ def parser() -> argparse.ArgumentParser:
         "python -m iclk.ray", description=DESCRIPTION, epilog=EPILOG, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     p.add_argument("manifest", metavar="MANIFEST")
-    p.add_argument("--out", required=True, metavar="DIR", help="results; continued if they are there already")
-    where = p.add_argument_group("where it runs")
-    where.add_argument("--address", help="of a Ray cluster, auto: this machine's; default: Ray on this machine")
-    where.add_argument("--workers", type=int, default=0, help="default: as many as the GPUs, else the CPUs, have room for")
-    where.add_argument("--cpus", type=float, default=1, help="of a worker; threads that decode, and of a software device (1)")
-    where.add_argument("--gpus", type=float, help="of a worker, 0.5: two share one; default: 1 where Ray has GPUs, else 0")
-    where.add_argument("--shard-pairs", type=int, default=256, help="pairs a file, which is what a kill costs again (256)")
-    where.add_argument("--retry", action="store_true", help="do shards again in which a pair has the status error")
-    where.add_argument("--device", default="", help="Vulkan device, or cpu; default: the GPU that Ray gives, else the best")
-    where.add_argument("--batch", type=int, default=0, help="pairs on the device at a time; default 16, halved if memory lacks")
-    where.add_argument("--threads", type=int, default=0, help="that decode images; default: one a CPU of the worker")
-    what = p.add_argument_group("what is done, as `iclk batch --help` says of the same options")
+    p.add_argument("--out", required=True, metavar="DIR", help="folder for the results; existing results are continued")
+    where = p.add_argument_group("where to run")
+    where.add_argument("--address", help="Ray cluster; auto: the one of this machine; default: start Ray on this machine")
+    where.add_argument("--workers", type=int, default=0, help="processes; default: as many as the GPUs, else the CPUs, allow")
+    where.add_argument("--cpus", type=float, default=1, help="per worker, for decoding and for a software device (default: 1)")
+    where.add_argument("--gpus", type=float, help="per worker; 0.5: two share one; default: 1 if Ray has GPUs, else 0")
+    where.add_argument("--shard-pairs", type=int, default=256, help="pairs per file; a kill costs a file per worker (256)")
+    where.add_argument("--retry", action="store_true", help="run shards again that have a pair with status error")
+    where.add_argument("--device", default="", help="Vulkan device, or cpu; default: the GPU that Ray assigns, else the best")
+    where.add_argument("--batch", type=int, default=0, help="pairs aligned together; default: 16, halved if memory lacks")
+    where.add_argument("--threads", type=int, default=0, help="for decoding images; default: one per CPU of the worker")
+    what = p.add_argument_group("what to do; `iclk batch --help` explains these options")
     what.add_argument("--camera", default="")
     what.add_argument("--distortion", default="")
     what.add_argument("--depth-scale", type=float, default=0)

@@ -48,13 +48,13 @@ def decode(source: Source, key: str, most_pixels: int) -> Image:
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as e:
-        raise BadPair(f"cannot read {name}: not an image that OpenCV can read, or damaged ({e.err})") from None
+        raise BadPair(f"cannot read {name}: damaged, or in a format that OpenCV cannot read ({e.err})") from None
     if image is None:
-        raise BadPair(f"cannot read {name}: not an image that OpenCV can read, or damaged")
+        raise BadPair(f"cannot read {name}: damaged, or in a format that OpenCV cannot read")
     if image.shape[0] * image.shape[1] > most_pixels:
         raise BadPair(
-            f"{name} is {image.shape[1]}x{image.shape[0]}, more than the {most_pixels} pixels that --set max-pixels=N allows: "
-            "give more if it is meant to be"
+            f"{name} is {image.shape[1]}x{image.shape[0]}, but --set max-pixels allows {most_pixels} pixels; "
+            "set it higher if the image is meant to be this large"
         )
     return image
 
@@ -78,7 +78,7 @@ def load_image(source: Source, key: str, most_pixels: int) -> Image:
             image = np.ascontiguousarray(image[:, :, 0])
     if image.dtype == np.float32:
         if not np.isfinite(image).all():
-            raise BadPair(f"{name_of(source, key)} holds NaN or infinite pixels")
+            raise BadPair(f"{name_of(source, key)} has NaN or infinite pixels; replace them, and hide them with --mask")
         if image.ndim == 3:
             image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
     return image
@@ -117,15 +117,15 @@ def load_depth(source: Source, key: str, scale: float, most_pixels: int) -> Imag
     if raw.dtype == np.uint16:
         if not scale > 0:
             raise BadPair(
-                f"{name} is 16-bit: say with --depth-scale how many raw units a metre has (TUM RGB-D 5000, millimetres 1000)"
+                f"{name} is 16-bit: give the raw units per metre as --depth-scale (TUM RGB-D: 5000, millimetres: 1000)"
             )
         depth = raw.astype(np.float32) * np.float32(1 / scale)
         depth[raw == 65535] = 0
     elif raw.dtype in (np.float32, np.float64):
         if scale not in (0, 1):
             raise BadPair(
-                f"{name} is float, which is read as metres, but a depth scale of {scale:g} units a metre is given; leave it "
-                "out, or give --depth-scale 1, if these are metres"
+                f"{name} is float, so its values are metres, but the depth scale is {scale:g} units per metre; leave it "
+                "out, or give --depth-scale 1, if they are metres"
             )
         depth = raw.astype(np.float32)
     else:
@@ -133,7 +133,7 @@ def load_depth(source: Source, key: str, scale: float, most_pixels: int) -> Imag
     depth = _core.keep_measured(depth)
     if not depth.any():
         raise BadPair(
-            f"{name} has no pixel with depth (all 0, negative or not finite): is it the depth image of this reference?"
+            f"{name} has no depth (all pixels are 0, negative or not finite); give the depth image of the reference"
         )
     return depth
 

@@ -46,11 +46,11 @@ def name_of(source: Source, key: str) -> str:
 def read(path: str, most: int | None = None) -> bytes:
     """Raises OSError; BadPair for what is no file."""
     if "\0" in path:
-        raise BadPair(f"cannot read {path.split(chr(0))[0]}: the name holds a zero byte")
+        raise BadPair(f"cannot read {path.split(chr(0))[0]}: the name contains a zero byte")
     if os.path.isdir(path):
         raise BadPair(f"cannot read {path}: it is a folder")
     if os.path.exists(path) and not os.path.isfile(path):
-        raise BadPair(f"cannot read {path}: it is no regular file")
+        raise BadPair(f"cannot read {path}: it is not a regular file")
     with open(path, "rb") as file:
         data = file.read() if most is None else file.read(most + 1)
     if most is not None and len(data) > most:

@@ -39,7 +39,7 @@ class Pair:
 def _require_size(image: Image, name: str, like: Image, like_name: str) -> None:
     (h, w), (height, width) = image.shape[:2], like.shape[:2]
     if (h, w) != (height, width):
-        raise BadPair(f"{name} is {w}x{h} but {like_name} is {width}x{height}: they must have one size")
+        raise BadPair(f"{name} is {w}x{h} but {like_name} is {width}x{height}: they must have the same size")
 
 
 class Loader:
@@ -58,7 +58,7 @@ class Loader:
 
     def _camera(self, text: str) -> Camera:
         if not text:
-            raise BadPair("key 'camera' is missing, and no --camera was given")
+            raise BadPair("key 'camera' is missing; add it to the line, or give --camera")
         with self._lock:
             if text not in self._cameras:
                 if len(self._cameras) >= 1000:

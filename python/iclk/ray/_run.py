@@ -141,6 +141,6 @@ def _sum_up(a: argparse.Namespace, output: Output, pairs: int, progress: Any, wh
         return 6
     errors = sum(done.values())
     if errors:
-        print(f"iclk.ray: {errors} of {pairs} pairs have the status \"error\": see \"reason\"; --retry does their shards again",
+        print(f"iclk.ray: {errors} of {pairs} pairs have the status \"error\": see \"reason\"; --retry runs their shards again",
               file=sys.stderr)
     return 20 if errors else 0

@@ -44,9 +44,9 @@ def _item(raw: bytes, number: int, path: str) -> Item:
     try:
         row = json.loads(raw)
         if not isinstance(row, dict):
-            row, bad = None, "a JSON object {...} is needed"
+            row, bad = None, "must be a JSON object {...}"
         elif "id" in row and _id(row, number) == f"line {number}":
-            row, bad = None, "key 'id' is neither a text nor a whole number"
+            row, bad = None, "key 'id' must be a string or a whole number"
     except (ValueError, RecursionError) as e:
         bad = f"not valid JSON: {str(e)[:160]}"
     return Item(_id(row, number), number, row, f"{path}:{number}", os.path.dirname(path), bad)
@@ -105,8 +105,8 @@ def read_manifest(path: str, size: int) -> Manifest:
         other = ids.setdefault(identity, number)
         if other != number:
             raise refuse(
-                f"{path}: lines {other} and {number} have the same id '{identity[:40]}' (without \"id\" it is the number of "
-                "the line); every pair needs its own"
+                f"{path}: lines {other} and {number} have the same id '{identity[:40]}' (the default is the line "
+                "number); every pair needs its own"
             )
 
     if os.path.isdir(path) or path.endswith(".parquet"):
@@ -143,7 +143,7 @@ def read_manifest(path: str, size: int) -> Manifest:
                 shard.end, shard.pairs = at, shard.pairs + 1
                 total += 1
     if not total:
-        raise refuse(f'{path}: no pairs in it; a line is {{"reference": ..., "target": ..., "depth": ...}}')
+        raise refuse(f'{path}: has no pairs; a line is {{"reference": ..., "target": ..., "depth": ...}}')
     return Manifest(path, shards, total, digest.hexdigest())
 
 
@@ -183,8 +183,8 @@ class Output:
         for key, value in run.items():
             if before.get(key) != value:
                 raise refuse(
-                    f"{self.folder} has results of another run: its {key} was {str(before.get(key))[:200]} and is "
-                    f"{str(value)[:200]}; give another --out, or what was given then"
+                    f"{self.folder} has results of another run: {key} was {str(before.get(key))[:200]}, now it is "
+                    f"{str(value)[:200]}; give the same to continue, or another --out"
                 )
 
     def done(self, again: bool) -> dict[int, int]:
@@ -244,13 +244,13 @@ class ShardWorker:
         try:
             items = shard.items()
             if len(items) != shard.pairs:
-                raise MachineFault(f"{shard.path}: shard {shard.index} has {len(items)} pairs and had {shard.pairs}")
+                raise MachineFault(f"{shard.path}: shard {shard.index} has {len(items)} pairs, but had {shard.pairs} before")
             if self._output.begin(shard.index):
                 rows = self._worker.answers(items)
                 self._output.write(shard.index, pa.Table.from_pylist(rows, SCHEMA))
                 self._output.end(shard.index)
             else:
-                self._complain(shard, f"begun {_ATTEMPTS} times, and each time its worker ended")
+                self._complain(shard, f"started {_ATTEMPTS} times, and its worker ended every time")
         except (MachineFault, OSError) as e:
             self._complain(shard, str(e))
             leave(str(e))

@@ -123,7 +123,7 @@ def gpu_device() -> str | None:
     if not uuid and name.isdigit() and int(name) < len(gpus):
         return gpus[int(name)]["uuid"]  # not NVIDIA's
     names = ", ".join(d["name"] for d in devices) or "none"
-    raise iclk.Error("no_device", f"Ray gave GPU {name} to a worker, but Vulkan does not have it (it has: {names})")
+    raise iclk.Error("no_device", f"Ray gave GPU {name} to a worker, but Vulkan lists only: {names}; give --device")
 
 
 class PairWorker:
@@ -210,7 +210,7 @@ class PairWorker:
                     raise MachineFault(f"{item.where}: {why}") from e
                 time.sleep(pause)
             except MemoryError:
-                return request, "not enough memory to read this pair"
+                return request, "not enough memory to read this pair; give fewer --threads"
             except Exception as e:  # a defect of ours, of this pair alone; the others go on
                 return request, f"internal error: {type(e).__name__}: {e}"
         raise AssertionError
