@@ -12,9 +12,8 @@
 namespace iclk {
 namespace {
 
-constexpr size_t kBatch = 16;        // views that are compared at a time
-constexpr int kFewestFeatures = 20;  // of a view that is worth comparing
-constexpr size_t kMostHypotheses = 20000;
+constexpr size_t kBatch = 16;         // views that are compared at a time
+constexpr int kFewestFeatures = 20;   // of a view that is worth comparing
 constexpr double kAnotherPlace = 16;  // px: poses that differ by more are two
 constexpr double kRivalShare = 0.5;   // of the answer's inliers: as many make another place a rival
 
@@ -149,9 +148,6 @@ std::vector<Candidate> Locator::Impl::candidates(const ImageView& image, const C
   if (above_ground(prior.T_WC)) distance = median_depth(renderer.render(small, prior.T_WC));
   if (!distance) distance = std::max(1.0, prior.T_WC.t.z() - ground.value_or(0));
   const std::vector<SE3> poses = internal::hypotheses(prior, camera, *distance, options.reach);
-  if (poses.size() > kMostHypotheses)
-    refuse("the prior leaves " + std::to_string(poses.size()) + " poses to compare, at most " +
-           std::to_string(kMostHypotheses) + ": give smaller sigmas");
   hypotheses = static_cast<int>(poses.size());
   std::vector<Candidate> found, best;
   for (size_t i = 0; i < poses.size(); i += kBatch)

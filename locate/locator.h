@@ -38,15 +38,17 @@ struct LocatorOptions {
 /// Where a picture was taken.
 struct Located {
   Status status = Status::diverged;
-  std::string reason;                      ///< explains the status
-  SE3 T_WC;                                ///< camera to map; valid only if the status is converged
-  Matrix6d covariance = Matrix6d::Zero();  ///< of xi = [rho, phi] in T_WC = mean Exp(xi), camera frame; else zero
-  std::vector<SE3> rivals;                 ///< T_WC of other poses that fit as well; only with Status::ambiguous
-  std::string model;                       ///< the model that answered
-  int hypotheses = 0;                      ///< poses that were compared
-  int rounds = 0;                          ///< views rendered for this answer
-  int inliers = 0, visible = 0;            ///< features that agree with the pose, of those that lie in the picture
-  double sigma = 0;                        ///< px: robust standard deviation of the reprojection residuals
+  std::string reason;  ///< explains the status
+  SE3 T_WC;            ///< camera to map; valid only if the status is converged
+  /// Of xi = [rho, phi] in T_WC = mean Exp(xi), in the camera's frame; zero unless converged. It is that of the alignment with
+  /// the map as it is: errors of the map's own position and heights are not in it.
+  Matrix6d covariance = Matrix6d::Zero();
+  std::vector<SE3> rivals;       ///< T_WC of other poses that fit as well; only with Status::ambiguous
+  std::string model;             ///< the model that answered
+  int hypotheses = 0;            ///< poses that were compared
+  int rounds = 0;                ///< views rendered for this answer
+  int inliers = 0, visible = 0;  ///< features that agree with the pose, of those that lie in the picture
+  double sigma = 0;              ///< px: robust standard deviation of the reprojection residuals
 
   bool converged() const { return status == Status::converged; }
 };

@@ -5,17 +5,28 @@
 
 #include <Eigen/Geometry>
 
+#include <iclk/engine/error.h>
+
 namespace iclk::internal {
 namespace {
 
+constexpr size_t kMost = 20000;            // poses
 constexpr double kHeadingStep = M_PI / 6;  // the start search finds rolls up to 29 degrees
 constexpr double kScaleStep = 1.25;        // between heights
 constexpr double kShift = 0.5;             // of the shorter side of the picture on the ground, between positions
 
+template <typename Number>
+[[noreturn]] void refuse(Number poses) {
+  throw Error(ErrorCode::invalid_argument, "the prior allows " + std::to_string(static_cast<uint64_t>(poses)) +
+                                               " poses or more to compare, at most " + std::to_string(kMost) +
+                                               " are possible; give smaller sigmas");
+}
+
 /// 0, step, -step, 2 step, ...: any value up to `range` is within half a step of one.
 std::vector<double> steps(double range, double step) {
   std::vector<double> values = {0};
-  const int n = static_cast<int>(std::ceil(range / step - 0.5));
+  const double n = std::ceil(range / step - 0.5);
+  if (n > kMost) refuse(n);
   for (int i = 1; i <= n; ++i) values.insert(values.end(), {i * step, -i * step});
   return values;
 }
@@ -38,10 +49,13 @@ std::vector<Shift> shifts(const LocatePrior& prior, const Camera& camera, double
   // A tilt looks elsewhere: it moves the picture on the ground as a shift does.
   const double range = reach * prior.position_sigma + distance * std::tan(std::min(reach * prior.tilt_sigma, 1.0));
   const double step = kShift * side;
+  const std::vector<double> along = steps(range, step);
+  const std::vector<double> heights = steps(std::log1p(reach * prior.height_sigma / distance), std::log(kScaleStep));
+  if (const size_t count = along.size() * along.size() * heights.size(); count > 2 * kMost) refuse(count);
   std::vector<Shift> all;
-  for (const double e : steps(std::log1p(reach * prior.height_sigma / distance), std::log(kScaleStep)))
-    for (const double x : steps(range, step))
-      for (const double y : steps(range, step)) {
+  for (const double e : heights)
+    for (const double x : along)
+      for (const double y : along) {
         const double out = std::hypot(x, y), up = distance * std::expm1(e);
         if (out > range + step / 2) continue;
         const double sigmas_up = prior.height_sigma > 0 ? up / prior.height_sigma : 0;
@@ -54,9 +68,12 @@ std::vector<Shift> shifts(const LocatePrior& prior, const Camera& camera, double
 }  // namespace
 
 std::vector<SE3> hypotheses(const LocatePrior& prior, const Camera& camera, double distance, double reach) {
+  const std::vector<Shift> all = shifts(prior, camera, distance, reach);
+  const std::vector<double> turns = headings(reach * prior.heading_sigma);
+  if (const size_t count = all.size() * turns.size(); count > kMost) refuse(count);
   std::vector<SE3> poses;
-  for (const Shift& shift : shifts(prior, camera, distance, reach))
-    for (const double heading : headings(reach * prior.heading_sigma)) {
+  for (const Shift& shift : all)
+    for (const double heading : turns) {
       const Eigen::Matrix3d turn = Eigen::AngleAxisd(heading, Eigen::Vector3d::UnitZ()).toRotationMatrix();
       poses.push_back({turn * prior.T_WC.R, prior.T_WC.t + shift.by});
     }

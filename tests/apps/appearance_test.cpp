@@ -191,7 +191,7 @@ TEST(ChangedImage, KeepsTypesAndRounds) {
   const cv::Mat deep(2, 2, CV_16UC1, cv::Scalar(40001));
   EXPECT_NEAR(changed_image(deep, half).at<ushort>(0, 0), 20000.5, 1);
   EXPECT_EQ(changed_image(image, {}).data, image.data) << "no change, no copy";
-  expect_error([&] { changed_image(cv::Mat(2, 2, CV_32FC1), half); }, ErrorCode::unsupported, {"8 or 16 bit"});
+  expect_error([&] { changed_image(cv::Mat(2, 2, CV_32FC1), half); }, ErrorCode::unsupported, {"8-bit or 16-bit"});
 }
 
 TEST(AppearanceDraw, TheGeneratorIsTheDocumentedOne) {

@@ -1,0 +1,147 @@
+// Pictures of a rendered map, found again from priors that are off.
+#include <cmath>
+
+#include <gtest/gtest.h>
+#include <iclk/engine/error.h>
+#include <iclk/locate/locator.h>
+#include <iclk/render/procedural.h>
+
+#include "../apps/render_fixture.h"
+#include "../support/device.h"
+
+namespace iclk {
+namespace {
+
+using test::looking_down;
+
+const Camera kCamera{300, 300, 159.5, 119.5, 320, 240};
+
+LocatorOptions classical() {
+  LocatorOptions options;
+  options.session.model = "classical";
+  return options;
+}
+
+std::shared_ptr<const Terrain> village(uint64_t seed) {
+  return std::make_shared<const Terrain>(procedural_terrain({.seed = seed, .size = 256}));
+}
+
+/// As a camera with another exposure sees it, with finer sampling than the locator's views.
+View picture(const std::shared_ptr<const Terrain>& map, const SE3& T_WC) {
+  View view = TerrainRenderer(test::device(), map, {.samples = 3}).render(kCamera, T_WC);
+  for (uint32_t& p : view.rgba) {
+    const auto darker = [&](int c) { return static_cast<uint32_t>(0.8 * (p >> 8 * c & 255) + 10) << 8 * c; };
+    p = darker(0) | darker(1) | darker(2) | 0xff000000u;
+  }
+  return view;
+}
+
+SE3 above(const Terrain& map, double x, double y, double height, double heading = 0, double tilt = 0) {
+  return looking_down({x, y, map.height_at(x, y).value() + height}, heading, tilt);
+}
+
+double metres(const Located& located, const SE3& truth) { return (located.T_WC.t - truth.t).norm(); }
+
+class Locating : public ::testing::Test {
+ protected:
+  void SetUp() override { ICLK_NEED_DEVICE(); }
+  std::shared_ptr<const Terrain> map_ = village(3);
+};
+
+TEST_F(Locating, FromAPriorOfTwelveMetresAndEightDegrees) {
+  Locator locator(test::device(), map_, classical());
+  for (int i = 0; i < 4; ++i) {
+    const SE3 truth = above(*map_, 110 + 12 * i, 150 - 9 * i, 60, 0.5 * i, 0.1);
+    LocatePrior prior{truth, 8, 4, 0.07, 0.1};
+    prior.T_WC.t += Eigen::Vector3d(8 * std::cos(i), 8 * std::sin(i), i % 2 ? 3 : -3);
+    prior.T_WC.R = prior.T_WC.R * Eigen::AngleAxisd(0.14, Eigen::Vector3d(1, i - 1, 1).normalized()).toRotationMatrix();
+    const Located located = locator.locate(picture(map_, truth).image(), kCamera, prior);
+    ASSERT_TRUE(located.converged()) << located.reason;
+    EXPECT_LT(metres(located, truth), 0.1);
+    EXPECT_GT(located.covariance.trace(), 0);
+  }
+}
+
+TEST_F(Locating, WithoutAHeading) {
+  Locator locator(test::device(), map_, classical());
+  const SE3 truth = above(*map_, 128, 120, 60, 2.4);
+  LocatePrior prior{above(*map_, 124, 123, 60), 4, 0, 0.02, M_PI};
+  const Located located = locator.locate(picture(map_, truth).image(), kCamera, prior);
+  ASSERT_TRUE(located.converged()) << located.reason;
+  EXPECT_LT(metres(located, truth), 0.1);
+  prior.heading_sigma = 0.1;
+  EXPECT_FALSE(locator.locate(picture(map_, truth).image(), kCamera, prior).converged());
+}
+
+TEST_F(Locating, APictureOfAnotherPlaceIsNotClaimed) {
+  Locator locator(test::device(), map_, classical());
+  const auto elsewhere = village(8);
+  for (int i = 0; i < 4; ++i) {
+    const double x = 100 + 15 * i;
+    const View seen = picture(elsewhere, above(*elsewhere, x, 128, 60, i));
+    const LocatePrior prior{above(*map_, x, 128, 60), 10, 5, 0.1, 0.2};
+    const Located located = locator.locate(seen.image(), kCamera, prior);
+    EXPECT_FALSE(located.converged()) << located.reason;
+    EXPECT_TRUE(located.covariance.isZero());
+  }
+}
+
+// Two quarters of a map that look alike: whichever fits, the other does, too.
+TEST_F(Locating, APictureThatFitsTwiceIsAmbiguous) {
+  const double period = 64;
+  const auto twice = std::make_shared<Terrain>(*map_);
+  const auto repeat = [&](const Grid& grid, auto& values) {
+    const int columns = static_cast<int>(std::lround(period / grid.step_x));
+    for (int v = 0; v < grid.height; ++v)
+      for (int u = columns; u < grid.width; ++u) values[v * grid.width + u] = values[v * grid.width + u % columns];
+  };
+  repeat(twice->relief, twice->height);
+  repeat(twice->mosaic, twice->rgba);
+  Locator locator(test::device(), twice, classical());
+  const SE3 truth = above(*twice, 96, 128, 40);
+  const View seen = picture(twice, truth);
+  const LocatePrior narrow{truth, 2, 1, 0.02, 0.02};
+  const Located sure = locator.locate(seen.image(), kCamera, narrow);
+  EXPECT_TRUE(sure.converged()) << sure.reason;
+  const LocatePrior wide{truth, 35, 1, 0.02, 0.02};
+  const Located unsure = locator.locate(seen.image(), kCamera, wide);
+  EXPECT_EQ(unsure.status, Status::ambiguous) << unsure.reason;
+  ASSERT_FALSE(unsure.rivals.empty());
+  EXPECT_NEAR((unsure.rivals[0].t - unsure.T_WC.t).norm(), period, 0.5);
+}
+
+TEST_F(Locating, NoMapUnderThePicture) {
+  Locator locator(test::device(), map_, classical());
+  const View seen = picture(map_, above(*map_, 128, 128, 60));
+  for (const SE3& T_WC : {looking_down({2000, 2000, 100}), looking_down({128, 128, -500})}) {
+    const Located located = locator.locate(seen.image(), kCamera, {T_WC, 1, 0, 0.05, 0.1});
+    EXPECT_EQ(located.status, Status::low_overlap);
+    EXPECT_EQ(located.reason, "the map shows too little where the prior looks");
+  }
+}
+
+TEST_F(Locating, BadInputIsRefused) {
+  Locator locator(test::device(), map_, classical());
+  const View seen = picture(map_, above(*map_, 128, 128, 60));
+  LocatePrior prior{above(*map_, 128, 128, 60), 5, 5, 0.05, 0.1};
+  const auto refused = [&](const Camera& camera, const LocatePrior& bad) {
+    EXPECT_THROW(locator.locate(seen.image(), camera, bad), Error);
+  };
+  refused({300, 300, 159.5, 119.5, 640, 480}, prior);
+  refused({0, 300, 159.5, 119.5, 320, 240}, prior);
+  LocatePrior nan = prior;
+  nan.T_WC.t.x() = NAN;
+  refused(kCamera, nan);
+  LocatePrior negative = prior;
+  negative.tilt_sigma = -1;
+  refused(kCamera, negative);
+  LocatePrior huge = prior;
+  huge.position_sigma = 1e6;
+  refused(kCamera, huge);
+  LocatorOptions bad = classical();
+  bad.candidates = 0;
+  EXPECT_THROW(Locator(test::device(), map_, bad), Error);
+}
+
+}  // namespace
+}  // namespace iclk
