@@ -5,7 +5,6 @@
 
 namespace iclk::internal {
 
-using engine::Buffer;
 using engine::BufferUse;
 using engine::groups_for;
 using engine::MemoryKind;
