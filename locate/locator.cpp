@@ -15,9 +15,16 @@ namespace {
 constexpr size_t kBatch = 16;         // views that are compared at a time
 constexpr int kFewestFeatures = 20;   // of a view that is worth comparing
 constexpr double kAnotherPlace = 16;  // px: poses that differ by more are two
-constexpr double kRivalShare = 0.5;   // of the answer's inliers: as many make another place a rival
+// px by which a view looks past the pose: what is fixed to the camera stays, the ground does not.
+constexpr double kAside = 24;
+constexpr double kRivalShare = 0.5;  // of the answer's inliers: as many make another place a rival
 
 [[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
+
+struct Picture {
+  ImageView image, mask;
+  Camera camera;
+};
 
 struct Candidate {
   SE3 T_WC;
@@ -26,6 +33,18 @@ struct Candidate {
 };
 
 ImageView view_of(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
+
+/// The mask of an image of 2^level x 2^level means: 0 where a mean has a hidden pixel.
+std::vector<uint8_t> small_mask(const ImageView& mask, int level) {
+  const int width = mask.width >> level, height = mask.height >> level;
+  std::vector<uint8_t> small(static_cast<size_t>(width) * static_cast<size_t>(height), 255);
+  for (int v = 0; v < height << level; ++v) {
+    uint8_t* row = small.data() + static_cast<size_t>(v >> level) * static_cast<size_t>(width);
+    for (int u = 0; u < width << level; ++u)
+      if (mask.row(v)[u] == 0) row[u >> level] = 0;
+  }
+  return small;
+}
 
 /// [R, t^ R; 0, R]: T Exp(xi) = Exp(A xi) T.
 Matrix6d adjoint(const SE3& T) {
@@ -104,29 +123,29 @@ struct Locator::Impl {
     return !ground || *ground < T_WC.t.z();
   }
 
-  void compare(const ImageView& image, const Camera& camera, std::span<const SE3> poses, std::vector<Candidate>& found);
-  std::vector<Candidate> candidates(const ImageView& image, const Camera& camera, const LocatePrior& prior, int& hypotheses);
-  Located refine(const ImageView& image, const Camera& camera, const SE3& start);
+  void compare(const Picture& picture, std::span<const SE3> poses, std::vector<Candidate>& found);
+  std::vector<Candidate> candidates(const Picture& picture, const LocatePrior& prior, int& hypotheses);
+  Located refine(const Picture& picture, const SE3& start);
   bool another_place(const Camera& camera, const SE3& a, const SE3& b);
-  Located locate(const ImageView& image, const Camera& camera, const LocatePrior& prior);
+  Located locate(const Picture& picture, const LocatePrior& prior);
 };
 
 /// Aligns the image with a view at each pose.
-void Locator::Impl::compare(const ImageView& image, const Camera& camera, std::span<const SE3> poses,
-                            std::vector<Candidate>& found) {
+void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, std::vector<Candidate>& found) {
   std::vector<View> views(poses.size());
   std::vector<Map> greys(poses.size());
   std::vector<CascadePair> pairs;
   std::vector<SE3> starts;
   for (size_t i = 0; i < poses.size(); ++i) {
     if (!above_ground(poses[i])) continue;
-    views[i] = renderer.render(camera, poses[i]);
+    views[i] = renderer.render(picture.camera, poses[i]);
     greys[i] = grey_map(views[i].image());
     CascadePair pair;
     pair.reference.image = view_of(greys[i]);
-    pair.reference.camera = camera;
+    pair.reference.camera = picture.camera;
     pair.reference.features = detect_features(pair.reference.image, views[i].depth_image(), {}, coarse.options().detector);
-    pair.target = image;
+    pair.target = picture.image;
+    pair.target_mask = picture.mask;
     if (pair.reference.features.size() < kFewestFeatures) continue;
     pairs.push_back(std::move(pair));
     starts.push_back(poses[i]);
@@ -138,11 +157,17 @@ void Locator::Impl::compare(const ImageView& image, const Camera& camera, std::s
 }
 
 /// The best hypotheses, each at another place.
-std::vector<Candidate> Locator::Impl::candidates(const ImageView& image, const Camera& camera, const LocatePrior& prior,
-                                                 int& hypotheses) {
+std::vector<Candidate> Locator::Impl::candidates(const Picture& picture, const LocatePrior& prior, int& hypotheses) {
+  const Camera& camera = picture.camera;
   const int level = std::max(0, static_cast<int>(std::lround(std::log2(1.0 * camera.width / options.coarse_width))));
   const Camera small = camera.at_level(level);
-  const Pyramid pyramid = grey_pyramid(image, level + 1);
+  const Pyramid pyramid = grey_pyramid(picture.image, level + 1);
+  Picture coarse_picture{view_of(pyramid.back()), {}, small};
+  std::vector<uint8_t> mask;
+  if (!picture.mask.empty()) {
+    mask = small_mask(picture.mask, level);
+    coarse_picture.mask = {mask.data(), small.width, small.height, 0, PixelFormat::r8};
+  }
   const auto ground = renderer.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
   std::optional<double> distance;
   if (above_ground(prior.T_WC)) distance = median_depth(renderer.render(small, prior.T_WC));
@@ -151,7 +176,7 @@ std::vector<Candidate> Locator::Impl::candidates(const ImageView& image, const C
   hypotheses = static_cast<int>(poses.size());
   std::vector<Candidate> found, best;
   for (size_t i = 0; i < poses.size(); i += kBatch)
-    compare(view_of(pyramid.back()), small, std::span(poses).subspan(i, std::min(kBatch, poses.size() - i)), found);
+    compare(coarse_picture, std::span(poses).subspan(i, std::min(kBatch, poses.size() - i)), found);
   std::stable_sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
     return std::pair(a.converged, a.inliers) > std::pair(b.converged, b.inliers);
   });
@@ -163,7 +188,11 @@ std::vector<Candidate> Locator::Impl::candidates(const ImageView& image, const C
   return best;
 }
 
-Located Locator::Impl::refine(const ImageView& image, const Camera& camera, const SE3& start) {
+Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
+  const Camera& camera = picture.camera;
+  Vector6d turn = Vector6d::Zero();
+  turn[4] = kAside / camera.fx;
+  const SE3 aside = SE3::exp(turn);
   Located located;
   located.T_WC = start;
   while (located.rounds < options.rounds) {
@@ -171,16 +200,21 @@ Located Locator::Impl::refine(const ImageView& image, const Camera& camera, cons
       located.status = Status::diverged, located.reason = "the pose is below the ground";
       return located;
     }
-    const View view = renderer.render(camera, located.T_WC);
+    const SE3 T_WV = located.T_WC * aside;
+    const View view = renderer.render(camera, T_WV);
     const auto distance = median_depth(view);
     if (!distance) {
       located.status = Status::low_overlap, located.reason = "the map has no ground under the picture";
       return located;
     }
-    // The first view may be far off; the next ones are where the last alignment ended.
-    const auto guess = located.rounds == 0 ? std::nullopt : std::optional(SE3());
-    const Answer answer = fine.align(view.image(), view.depth_image(), image, camera, guess);
-    const SE3 T_WV = located.T_WC;
+    CascadePair pair;
+    pair.reference.image = view.image(), pair.reference.camera = camera;
+    pair.reference.features = detect_features(view.image(), view.depth_image(), {}, options.session.detector);
+    pair.target = picture.image, pair.target_mask = picture.mask;
+    pair.T_10 = aside;
+    pair.search = located.rounds == 0;  // the next views are where the last alignment ended
+    const RefinedAlignment answer = fine.align(pair);
+    const SE3 before = located.T_WC;
     located.rounds += 1;
     located.status = answer.status, located.reason = answer.reason, located.model = answer.model;
     located.inliers = answer.inliers, located.visible = answer.visible, located.sigma = answer.sigma;
@@ -192,7 +226,7 @@ Located Locator::Impl::refine(const ImageView& image, const Camera& camera, cons
     // T_WV (T_10 Exp(xi))^-1 = T_WC Exp(-A xi), A = Ad(T_10)
     const Matrix6d A = adjoint(answer.T_10);
     located.covariance = A * answer.covariance * A.transpose();
-    if (motion(camera, answer.T_10, *distance) < options.tolerance) return located;
+    if (motion(camera, located.T_WC.inverse() * before, *distance) < options.tolerance) return located;
   }
   return located;
 }
@@ -202,20 +236,20 @@ bool Locator::Impl::another_place(const Camera& camera, const SE3& a, const SE3&
   return !distance || motion(camera, a.inverse() * b, *distance) > kAnotherPlace;
 }
 
-Located Locator::Impl::locate(const ImageView& image, const Camera& camera, const LocatePrior& prior) {
+Located Locator::Impl::locate(const Picture& picture, const LocatePrior& prior) {
   Located best;
   best.T_WC = prior.T_WC;
   best.status = Status::low_overlap;
   best.reason = "the map shows too little where the prior looks";
   int hypotheses = 0;
-  for (const Candidate& c : candidates(image, camera, prior, hypotheses)) {
+  for (const Candidate& c : candidates(picture, prior, hypotheses)) {
     // Behind a converged answer only places that converged, too, can be rivals.
     if (best.converged() && !c.converged) break;
-    const Located other = refine(image, camera, c.T_WC);
+    const Located other = refine(picture, c.T_WC);
     if (!best.converged()) {
       if (other.converged() || best.rounds == 0) best = other;
     } else if (other.converged() && other.inliers >= kRivalShare * best.inliers &&
-               another_place(camera, best.T_WC, other.T_WC)) {
+               another_place(picture.camera, best.T_WC, other.T_WC)) {
       best.rivals.push_back(other.T_WC);
     }
   }
@@ -236,13 +270,15 @@ Locator::~Locator() = default;
 
 View Locator::view(const Camera& camera, const SE3& T_WC) { return impl_->renderer.render(camera, T_WC); }
 
-Located Locator::locate(const ImageView& image, const Camera& camera, const LocatePrior& prior) {
+Located Locator::locate(const ImageView& image, const Camera& camera, const LocatePrior& prior, const ImageView& mask) {
   prior.check();
   camera.check();
   if (image.width != camera.width || image.height != camera.height)
     refuse("the picture has " + std::to_string(image.width) + "x" + std::to_string(image.height) + " pixels, its camera " +
            std::to_string(camera.width) + "x" + std::to_string(camera.height));
-  return impl_->locate(image, camera, prior);
+  if (!mask.empty() && (mask.width != image.width || mask.height != image.height || mask.format != PixelFormat::r8))
+    refuse("the mask must have one byte per pixel of the picture");
+  return impl_->locate({image, mask, camera}, prior);
 }
 
 }  // namespace iclk

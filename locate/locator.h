@@ -62,9 +62,10 @@ class Locator {
   Locator(std::shared_ptr<engine::Context> context, std::shared_ptr<const Terrain> map, const LocatorOptions& options = {});
   ~Locator();
 
-  /// `image`: undistorted, of the camera's size. Throws Error(invalid_argument) for another size, a bad camera, a bad prior,
-  /// and too many hypotheses; Error(device_lost). Pictures that cannot be located get a status; they never throw.
-  Located locate(const ImageView& image, const Camera& camera, const LocatePrior& prior);
+  /// `image`: undistorted, of the camera's size. `mask`: r8, of the same size; its pixels that are 0 are not used, such as the
+  /// border of an undistorted image; empty: all are used. Throws Error(invalid_argument) for another size, a bad camera, a bad
+  /// prior, and too many hypotheses; Error(device_lost). Pictures that cannot be located get a status; they never throw.
+  Located locate(const ImageView& image, const Camera& camera, const LocatePrior& prior, const ImageView& mask = {});
   /// What the map looks like from a pose. Throws the errors of TerrainRenderer::render().
   View view(const Camera& camera, const SE3& T_WC);
 

@@ -86,6 +86,25 @@ TEST_F(Locating, APictureOfAnotherPlaceIsNotClaimed) {
   }
 }
 
+TEST_F(Locating, HiddenPixelsAreNotUsed) {
+  Locator locator(test::device(), map_, classical());
+  const SE3 truth = above(*map_, 128, 120, 60);
+  View seen = picture(map_, truth);
+  const View elsewhere = picture(map_, above(*map_, 150, 160, 60));
+  std::vector<uint8_t> mask(seen.rgba.size(), 255);
+  for (int v = 0; v < 240; ++v)
+    for (int u = 0; u < 140; ++u) {  // part of another picture, fixed to the camera
+      const size_t at = static_cast<size_t>(v) * 320 + static_cast<size_t>(u);
+      seen.rgba[at] = elsewhere.rgba[at], mask[at] = 0;
+    }
+  const LocatePrior prior{above(*map_, 126, 123, 62), 2, 2, 0.02, 0.02};
+  const Located located = locator.locate(seen.image(), kCamera, prior, {mask.data(), 320, 240, 0, PixelFormat::r8});
+  ASSERT_TRUE(located.converged()) << located.reason;
+  EXPECT_LT(metres(located, truth), 0.1);
+  const Located all = locator.locate(seen.image(), kCamera, prior);
+  EXPECT_TRUE(!all.converged() || metres(all, truth) < 0.1) << all.reason;
+}
+
 // Two quarters of a map that look alike: whichever fits, the other does, too.
 TEST_F(Locating, APictureThatFitsTwiceIsAmbiguous) {
   const double period = 64;

@@ -82,11 +82,15 @@ LocatedFrame locate_frame(const LocateRun& run, const Frame& frame, Locator& loc
   result.camera = fit_camera(run.camera, image.cols, image.rows);
   Levels{image}.apply(image);
   const Distortion& distortion = run.distortion ? *run.distortion : run.camera.distortion;
-  if (!distortion.empty()) image = Undistorter(result.camera, distortion).image(image);
+  cv::Mat seen;  // not the border of the undistorted image
+  if (!distortion.empty()) {
+    const Undistorter lens(result.camera, distortion);
+    image = lens.image(image), seen = lens.seen();
+  }
   LocatePrior prior = run.sigmas;
   prior.T_WC = frame.T_WC;
   const internal::Stopwatch time;
-  result.located = locator.locate(view(image), result.camera, prior);
+  result.located = locator.locate(view(image), result.camera, prior, view(seen));
   result.ms = time.ms();
   if (!result.located.converged()) return result;
   const View map = locator.view(result.camera, result.located.T_WC);
