@@ -221,6 +221,7 @@ Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
     located.T_WC = T_WV * answer.T_10.inverse();
     located.T_WC.orthonormalize();
     located.rivals.clear();
+    located.covariance.setZero();
     for (const Rival& rival : answer.rivals) located.rivals.push_back(T_WV * rival.T_10.inverse());
     if (!answer.converged()) return located;
     // T_WV (T_10 Exp(xi))^-1 = T_WC Exp(-A xi), A = Ad(T_10)
@@ -228,6 +229,9 @@ Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
     located.covariance = A * answer.covariance * A.transpose();
     if (motion(camera, located.T_WC.inverse() * before, *distance) < options.tolerance) return located;
   }
+  located.status = Status::max_iterations;
+  located.covariance.setZero();
+  located.reason = "the pose still moved after " + std::to_string(options.rounds) + " views";
   return located;
 }
 
@@ -243,7 +247,7 @@ Located Locator::Impl::locate(const Picture& picture, const LocatePrior& prior) 
   best.reason = "the map shows too little where the prior looks";
   int hypotheses = 0;
   for (const Candidate& c : candidates(picture, prior, hypotheses)) {
-    // Behind a converged answer only places that converged, too, can be rivals.
+    // After a converged answer, only places that also converged can be rivals.
     if (best.converged() && !c.converged) break;
     const Located other = refine(picture, c.T_WC);
     if (!best.converged()) {

@@ -28,7 +28,7 @@ struct LocatorOptions {
   double reach = 2;        ///< the search covers this many sigmas of the prior
   int coarse_width = 192;  ///< px: width of the views that hypotheses are compared by, approximately
   int candidates = 4;      ///< hypotheses that are aligned at full resolution, at most
-  int rounds = 4;          ///< views rendered for one candidate, at most
+  int rounds = 6;          ///< views rendered for one candidate, at most
   double tolerance = 0.3;  ///< px: rounds end when the picture moves by less against the view
 
   /// Throws Error(invalid_argument) that names the value and its range.

@@ -136,8 +136,14 @@ TEST_F(Locate, BadInputIsSaid) {
   refused(header + "other.png,500100,5300100,500,0,-90,0\n", "0.png");
   refused(header + "0.png,100,200,500,0,-90,0\n", "same system");
   refused("image,lat,lon,z,yaw,pitch,roll\n0.png,95,15,500,0,-90,0\n", "latitude 95");
+  refused(header + "a/0.png,1,2,3,0,-90,0\nb/0.png,1,2,3,0,-90,0\n", "bad.csv:3: a second pose");
   EXPECT_EQ(locate(folder.path("none.csv"), folder.path("out")).code, 4);
+  std::filesystem::create_directories(folder.path("more"));
+  std::filesystem::copy(folder_->path("frames/0.png"), folder.path("more/0.png"));
   const std::string good = priors(folder, "image,x,y,z,yaw,pitch,roll");
+  const Finished twice = locate(good, folder.path("out"), {folder.path("more")});
+  EXPECT_EQ(twice.code, 3) << twice.out;
+  EXPECT_NE(twice.err.find("the same name"), std::string::npos) << twice.err;
   EXPECT_EQ(locate(good, folder.path("out"), {"--heading-sigma", "-1"}).code, 3);
 }
 

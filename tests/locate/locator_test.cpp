@@ -73,6 +73,16 @@ TEST_F(Locating, WithoutAHeading) {
   EXPECT_FALSE(locator.locate(picture(map_, truth).image(), kCamera, prior).converged());
 }
 
+TEST_F(Locating, APoseThatStillMovesIsNotClaimed) {
+  LocatorOptions options = classical();
+  options.rounds = 1, options.tolerance = 1e-9;
+  Locator locator(test::device(), map_, options);
+  const SE3 truth = above(*map_, 128, 120, 60);
+  const Located located = locator.locate(picture(map_, truth).image(), kCamera, {above(*map_, 126, 123, 62), 2, 2, 0.02, 0.02});
+  EXPECT_EQ(located.status, Status::max_iterations) << located.reason;
+  EXPECT_TRUE(located.covariance.isZero());
+}
+
 TEST_F(Locating, APictureOfAnotherPlaceIsNotClaimed) {
   Locator locator(test::device(), map_, classical());
   const auto elsewhere = village(8);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <optional>
+#include <set>
 
 #include <Eigen/Geometry>
 
@@ -82,11 +83,13 @@ class PriorTable {
     return all;
   }
 
-  FramePrior prior(const std::vector<std::string>& cells) const {
+  FramePrior prior(const std::vector<std::string>& cells) {
     if (cells.size() != count_) fail("has " + std::to_string(cells.size()) + " values, the header " + std::to_string(count_));
     FramePrior prior;
     prior.image = cells[static_cast<size_t>(image_)];
     if (prior.image.empty()) fail("names no image");
+    if (!names_.insert(prior.image.substr(prior.image.find_last_of('/') + 1)).second)
+      fail("a second pose of " + printable(prior.image));
     prior.T_WC.t = numbers(cells, position_);
     if (on_earth_) {
       const double latitude = prior.T_WC.t.x(), longitude = prior.T_WC.t.y();
@@ -107,6 +110,7 @@ class PriorTable {
   size_t count_ = 0;
   bool on_earth_ = false, survey_ = false;
   Columns position_{}, attitude_{};
+  std::set<std::string> names_;  // of files, without folders
 };
 
 }  // namespace

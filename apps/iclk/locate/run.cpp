@@ -2,6 +2,7 @@
 
 #include <cmath>
 #include <filesystem>
+#include <map>
 
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/session/device.h>
@@ -38,6 +39,10 @@ std::vector<Frame> list_frames(const std::vector<std::string>& given) {
       if (peek_image(file.string()) || !fs::is_directory(path)) frames.push_back({file.string(), 1.0 * frames.size(), {}});
   }
   if (frames.empty()) refuse(given[0] + ": has no image");
+  std::map<std::string, std::string> paths;  // priors and overlays go by the names of files
+  for (const Frame& frame : frames)
+    if (const auto [other, fresh] = paths.emplace(fs::path(frame.image).filename(), frame.image); !fresh)
+      refuse(frame.image + " and " + other->second + " have the same name; locate them in two runs");
   return frames;
 }
 
