@@ -66,10 +66,7 @@ nlohmann::ordered_json to_json(const DepthFigures& f) {
 cv::Mat load_truth(const DepthCommand& command, const DepthInput& input) {
   if (command.truth.empty()) return {};
   const cv::Mat truth = load_depth(command.truth, command.truth_scale);
-  if (truth.size() != input.reference.size())
-    throw Error(ErrorCode::invalid_argument,
-                fmt::format("{} has {}x{} pixels, but {} has {}x{}: --truth must have the size of REF", command.truth,
-                            truth.cols, truth.rows, command.files.reference, input.reference.cols, input.reference.rows));
+  require_size(truth, command.truth, input.reference, command.files.reference);
   return input.lens ? input.lens->depth(truth) : truth;
 }
 

@@ -66,12 +66,6 @@ Features measured(const cv::Mat& depth) {
   return out;
 }
 
-void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& reference, const std::string& reference_path) {
-  if (image.size() != reference.size())
-    refuse(path + ": " + std::to_string(image.cols) + "x" + std::to_string(image.rows) + " pixels, but " + reference_path +
-           " has " + std::to_string(reference.cols) + "x" + std::to_string(reference.rows));
-}
-
 DepthRange parse_range(const std::string& text) {
   const std::vector<double> ends = parse_numbers(text, "--depth-range NEAR,FAR");
   if (ends.size() != 2) refuse("--depth-range " + text + ": must be NEAR,FAR in metres, such as 2,40");

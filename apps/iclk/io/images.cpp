@@ -196,6 +196,13 @@ cv::Mat load_depth(const std::string& path, double scale, uint64_t max_pixels) {
   return depth;
 }
 
+void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& reference, const std::string& reference_path) {
+  if (image.size() == reference.size()) return;
+  const auto text = [](const cv::Mat& m) { return std::to_string(m.cols) + "x" + std::to_string(m.rows); };
+  throw Error(ErrorCode::invalid_argument, path + " is " + text(image) + " but " + reference_path + " is " + text(reference) +
+                                               ": they must have the same size");
+}
+
 ImageView view(const cv::Mat& image) {
   PixelFormat format = PixelFormat::r8;
   switch (image.type()) {

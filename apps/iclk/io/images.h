@@ -37,6 +37,9 @@ cv::Mat load_mask(const std::string& path, uint64_t max_pixels = kMaxPixels);
 /// if there is a reason.
 std::optional<ImageHeader> peek_image(const std::string& path, uint64_t max_pixels = kMaxPixels);
 
+/// Throws Error(invalid_argument) with both paths and sizes unless the images have the same size.
+void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& reference, const std::string& reference_path);
+
 /// The pixels of an image of load_image, not copied. Precondition: `image` outlives the view.
 ImageView view(const cv::Mat& image);
 

@@ -12,14 +12,6 @@
 namespace iclk {
 namespace {
 
-std::string size_of(const cv::Mat& image) { return std::to_string(image.cols) + "x" + std::to_string(image.rows); }
-
-void require_size(const cv::Mat& image, const std::string& path, const cv::Mat& reference, const std::string& reference_path) {
-  if (image.size() == reference.size()) return;
-  throw Error(ErrorCode::invalid_argument, path + " is " + size_of(image) + " but " + reference_path + " is " +
-                                               size_of(reference) + ": they must have the same size");
-}
-
 /// What the reference does not show has no depth: its pixels, and features of the file whose patch they are in.
 void hide_reference(const cv::Mat& seen, PairInput& pair) {
   if (!pair.depth_0.empty()) pair.depth_0.setTo(0, seen == 0);
