@@ -6,6 +6,7 @@
 #include <iclk/align/pyramid.h>
 #include <iclk/engine/error.h>
 #include <iclk/locate/internal/hypotheses.h>
+#include <iclk/locate/internal/map_window.h>
 #include <iclk/render/renderer.h>
 #include <iclk/session/session.h>
 
@@ -92,6 +93,17 @@ SessionOptions coarse_options(SessionOptions options) {
   return options;
 }
 
+/// A map that is in memory: each window is all of it.
+class WholeTerrain : public TerrainSource {
+ public:
+  explicit WholeTerrain(std::shared_ptr<const Terrain> terrain) : terrain_(std::move(terrain)) { terrain_->check(); }
+  MapBox extent() const override { return terrain_->extent(); }
+  std::shared_ptr<const Terrain> window(const MapBox&, double) const override { return terrain_; }
+
+ private:
+  std::shared_ptr<const Terrain> terrain_;
+};
+
 }  // namespace
 
 void LocatePrior::check() const {
@@ -109,17 +121,17 @@ void LocatorOptions::check() const {
 
 struct Locator::Impl {
   LocatorOptions options;
-  TerrainRenderer renderer;
+  internal::MapWindow map;
   Session coarse, fine;
 
-  Impl(const std::shared_ptr<engine::Context>& context, std::shared_ptr<const Terrain> map, const LocatorOptions& o)
+  Impl(const std::shared_ptr<engine::Context>& context, std::shared_ptr<const TerrainSource> source, const LocatorOptions& o)
       : options(o),
-        renderer(context, std::move(map), view_options()),
+        map(context, std::move(source), view_options()),
         coarse(coarse_options(o.session), context),
         fine(o.session, context) {}
 
   bool above_ground(const SE3& T_WC) const {
-    const auto ground = renderer.terrain().height_at(T_WC.t.x(), T_WC.t.y());
+    const auto ground = map.terrain().height_at(T_WC.t.x(), T_WC.t.y());
     return !ground || *ground < T_WC.t.z();
   }
 
@@ -138,7 +150,7 @@ void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, 
   std::vector<SE3> starts;
   for (size_t i = 0; i < poses.size(); ++i) {
     if (!above_ground(poses[i])) continue;
-    views[i] = renderer.render(picture.camera, poses[i]);
+    views[i] = map.renderer().render(picture.camera, poses[i]);
     greys[i] = grey_map(views[i].image());
     CascadePair pair;
     pair.reference.image = view_of(greys[i]);
@@ -168,9 +180,9 @@ std::vector<Candidate> Locator::Impl::candidates(const Picture& picture, const L
     mask = small_mask(picture.mask, level);
     coarse_picture.mask = {mask.data(), small.width, small.height, 0, PixelFormat::r8};
   }
-  const auto ground = renderer.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
+  const auto ground = map.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
   std::optional<double> distance;
-  if (above_ground(prior.T_WC)) distance = median_depth(renderer.render(small, prior.T_WC));
+  if (above_ground(prior.T_WC)) distance = median_depth(map.renderer().render(small, prior.T_WC));
   if (!distance) distance = std::max(1.0, prior.T_WC.t.z() - ground.value_or(0));
   const std::vector<SE3> poses = internal::hypotheses(prior, camera, *distance, options.reach);
   hypotheses = static_cast<int>(poses.size());
@@ -201,7 +213,7 @@ Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
       return located;
     }
     const SE3 T_WV = located.T_WC * aside;
-    const View view = renderer.render(camera, T_WV);
+    const View view = map.renderer().render(camera, T_WV);
     const auto distance = median_depth(view);
     if (!distance) {
       located.status = Status::low_overlap, located.reason = "the map has no ground under the picture";
@@ -236,7 +248,7 @@ Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
 }
 
 bool Locator::Impl::another_place(const Camera& camera, const SE3& a, const SE3& b) {
-  const auto distance = median_depth(renderer.render(camera, a));
+  const auto distance = median_depth(map.renderer().render(camera, a));
   return !distance || motion(camera, a.inverse() * b, *distance) > kAnotherPlace;
 }
 
@@ -245,6 +257,7 @@ Located Locator::Impl::locate(const Picture& picture, const LocatePrior& prior) 
   best.T_WC = prior.T_WC;
   best.status = Status::low_overlap;
   best.reason = "the map shows too little where the prior looks";
+  if (!map.cover(picture.camera, prior, options.reach)) return best;
   int hypotheses = 0;
   for (const Candidate& c : candidates(picture, prior, hypotheses)) {
     // After a converged answer, only places that also converged can be rivals.
@@ -266,13 +279,19 @@ Located Locator::Impl::locate(const Picture& picture, const LocatePrior& prior) 
   return best;
 }
 
-Locator::Locator(std::shared_ptr<engine::Context> context, std::shared_ptr<const Terrain> map, const LocatorOptions& options) {
+Locator::Locator(std::shared_ptr<engine::Context> context, std::shared_ptr<const Terrain> map, const LocatorOptions& options)
+    : Locator(std::move(context), std::make_shared<const WholeTerrain>(std::move(map)), options) {}
+Locator::Locator(std::shared_ptr<engine::Context> context, std::shared_ptr<const TerrainSource> map,
+                 const LocatorOptions& options) {
   options.check();
   impl_ = std::make_unique<Impl>(context, std::move(map), options);
 }
 Locator::~Locator() = default;
 
-View Locator::view(const Camera& camera, const SE3& T_WC) { return impl_->renderer.render(camera, T_WC); }
+View Locator::view(const Camera& camera, const SE3& T_WC) {
+  if (!impl_->map.cover(camera, {T_WC, 0, 0, 0, 0}, 1)) refuse("the map has nothing below this pose");
+  return impl_->map.renderer().render(camera, T_WC);
+}
 
 Located Locator::locate(const ImageView& image, const Camera& camera, const LocatePrior& prior, const ImageView& mask) {
   prior.check();

@@ -7,6 +7,7 @@
 #include <iclk/align/image.h>
 #include <iclk/engine/context.h>
 #include <iclk/render/renderer.h>
+#include <iclk/render/terrain_source.h>
 #include <iclk/session/options.h>
 
 namespace iclk {
@@ -60,13 +61,17 @@ class Locator {
  public:
   /// Throws the errors of TerrainRenderer, Session and LocatorOptions::check().
   Locator(std::shared_ptr<engine::Context> context, std::shared_ptr<const Terrain> map, const LocatorOptions& options = {});
+  /// Reads the map window by window: what the prior can see. locate() and view() then also throw the source's errors.
+  Locator(std::shared_ptr<engine::Context> context, std::shared_ptr<const TerrainSource> map,
+          const LocatorOptions& options = {});
   ~Locator();
 
   /// `image`: undistorted, of the camera's size. `mask`: r8, of the same size; its pixels that are 0 are not used, such as the
   /// border of an undistorted image; empty: all are used. Throws Error(invalid_argument) for another size, a bad camera, a bad
   /// prior, and too many hypotheses; Error(device_lost). Pictures that cannot be located get a status; they never throw.
   Located locate(const ImageView& image, const Camera& camera, const LocatePrior& prior, const ImageView& mask = {});
-  /// What the map looks like from a pose. Throws the errors of TerrainRenderer::render().
+  /// What the map looks like from a pose. Throws the errors of TerrainRenderer::render(), and Error(invalid_argument) if the
+  /// map has nothing there.
   View view(const Camera& camera, const SE3& T_WC);
 
  private:

@@ -107,10 +107,21 @@ void RenderOptions::check() const {
 
 struct TerrainRenderer::Impl {
   Impl(std::shared_ptr<const engine::Context> c, std::shared_ptr<const Terrain> t, const RenderOptions& o)
-      : context(std::move(c)), terrain(std::move(t)), options(o) {
+      : context(std::move(c)), options(o) {
     options.check();
-    terrain->check();
     kernel_of(Distortion::Model::none);
+    engine::ArenaSize size;
+    size.add(kernels[0], static_cast<uint32_t>(kernels.size()));
+    arena = std::make_unique<engine::DescriptorArena>(context, size);
+    submission = std::make_unique<engine::Submission>(context);
+    show(std::move(t));
+  }
+
+  void show(std::shared_ptr<const Terrain> t) {
+    t->check();
+    arena->reset();
+    device.reset();
+    terrain = std::move(t);
     relief = relief_levels(terrain->relief, terrain->height);
     mosaic = mosaic_levels(terrain->mosaic, terrain->rgba);
     highest = relief.back().data[0];
@@ -118,10 +129,6 @@ struct TerrainRenderer::Impl {
     for (const float h : terrain->height)
       if (h < lowest) lowest = h;  // false for NaN
     place();
-    engine::ArenaSize size;
-    size.add(kernels[0], static_cast<uint32_t>(kernels.size()));
-    arena = std::make_unique<engine::DescriptorArena>(context, size);
-    submission = std::make_unique<engine::Submission>(context);
     if (resident) upload_whole();
   }
 
@@ -358,6 +365,7 @@ TerrainRenderer::TerrainRenderer(TerrainRenderer&&) noexcept = default;
 TerrainRenderer& TerrainRenderer::operator=(TerrainRenderer&&) noexcept = default;
 
 const Terrain& TerrainRenderer::terrain() const { return *impl_->terrain; }
+void TerrainRenderer::show(std::shared_ptr<const Terrain> terrain) { impl_->show(std::move(terrain)); }
 bool TerrainRenderer::resident() const { return impl_->resident; }
 View TerrainRenderer::render(const Camera& camera, const SE3& T_WC, const Lens& lens) {
   return impl_->render(camera, T_WC, lens);

@@ -51,6 +51,9 @@ class TerrainRenderer {
   TerrainRenderer& operator=(TerrainRenderer&&) noexcept;
 
   const Terrain& terrain() const;
+  /// Renders another terrain from here on; commands that record() wrote before are void. Throws the errors of the constructor;
+  /// the renderer is then of no further use.
+  void show(std::shared_ptr<const Terrain> terrain);
 
   /// Renders a view and waits for it. Throws Error(invalid_argument) for an invalid camera, and for a pose that is not a rigid
   /// motion or is not above the ground; Error(unsupported) if the heights below the view do not fit on the device;

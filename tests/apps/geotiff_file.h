@@ -72,7 +72,7 @@ struct GeoTiff {
         GDALSetRasterColorTable(out, table);
         GDALDestroyColorTable(table);
       }
-      write_band(out, bands[b]);
+      if (!bands[b].empty()) write_band(out, bands[b]);
     }
     GDALClose(file);
   }

@@ -130,14 +130,14 @@ TEST(RenderWarp, SwissAlps) {
   ICLK_NEED_DEVICE();
   const std::string folder = test::data_folder("ortho_swiss_alps");
   if (folder.empty()) GTEST_SKIP() << test::no_data("ortho_swiss_alps");
-  expect_warp(std::make_shared<Terrain>(load_terrain(folder + "/rgb.tif", folder + "/dem.tif")), 200, 1);
+  expect_warp(std::make_shared<Terrain>(GeoMap(folder + "/rgb.tif", folder + "/dem.tif").whole()), 200, 1);
 }
 
 TEST(RenderWarp, Hilltop) {
   ICLK_NEED_DEVICE();
   const std::string folder = test::data_folder("ortho_px4_hilltop");
   if (folder.empty()) GTEST_SKIP() << test::no_data("ortho_px4_hilltop");
-  expect_warp(std::make_shared<Terrain>(load_terrain(folder + "/rgb.tif", folder + "/dem.tif")), 80, 0.4);
+  expect_warp(std::make_shared<Terrain>(GeoMap(folder + "/rgb.tif", folder + "/dem.tif").whole()), 80, 0.4);
 }
 
 }  // namespace

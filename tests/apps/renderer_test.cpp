@@ -345,7 +345,7 @@ TEST(Renderer, CodeOfTheGuideWorks) {
   engine::Recorder recorder(submission, arena);
   // README
   auto terrain =
-      std::make_shared<iclk::Terrain>(iclk::procedural_terrain({.seed = 7}));  // or load_terrain(), with iclk_geotiff
+      std::make_shared<iclk::Terrain>(iclk::procedural_terrain({.seed = 7}));  // or GeoMap().whole(), with iclk_geotiff
   iclk::TerrainRenderer renderer(context, terrain);
   iclk::View view = renderer.render(camera, T_WC);       // waits; view.image() goes into Reference or Pair as it is
   renderer.record(recorder, camera, T_WC, rgba, depth);  // or into your own commands and buffers

@@ -63,7 +63,7 @@ const std::map<std::string, std::function<void(const std::string&)>> kReaders = 
        if (!iclk::load_pose(path, "pose").R.allFinite()) std::abort();
      }},
     {"manifest", read_manifest_lines},
-    {"geotiff", [](const std::string& path) { iclk::load_terrain(path, path); }},
+    {"geotiff", [](const std::string& path) { iclk::GeoMap(path, path).whole(); }},
 };
 
 std::function<void(const std::string&)> g_read;

@@ -68,7 +68,7 @@ std::vector<Frame> frames_with_priors(const LocateRun& run, const MapSystem& map
 }
 
 /// The map must lie where some prior looks from.
-void check_places(const std::vector<Frame>& frames, const Terrain& map, const LocateRun& run) {
+void check_places(const std::vector<Frame>& frames, const GeoMap& map, const LocateRun& run) {
   const MapBox box = map.extent();
   const double reach = run.locator.reach * run.sigmas.position_sigma + 10 * std::max(box.width(), box.height());
   for (const Frame& f : frames)
@@ -108,10 +108,10 @@ LocatedFrame locate_frame(const LocateRun& run, const Frame& frame, Locator& loc
 }  // namespace
 
 LocateReport run_locate(const LocateRun& run, const Progress& progress) {
-  const MapSystem system(run.ortho);
+  const auto map = std::make_shared<const GeoMap>(run.ortho, run.elevation);
+  const MapSystem& system = map->system();
   LocateReport report;
   const std::vector<Frame> frames = frames_with_priors(run, system, report.without_prior);
-  const auto map = std::make_shared<const Terrain>(load_terrain(run.ortho, run.elevation));
   check_places(frames, *map, run);
   make_output_folder((fs::path(run.out) / "overlay").string());
   Locator locator(open_device(run.device), map, run.locator);

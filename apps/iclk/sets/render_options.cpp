@@ -63,7 +63,7 @@ Terrain make_terrain(const RenderCommand& command) {
   if (command.terrain.empty()) {
     if (command.ortho.empty() || command.elevation.empty())
       refuse("no terrain: give --ortho and --elevation (GeoTIFF), or --terrain procedural:SEED");
-    return load_terrain(command.ortho, command.elevation);
+    return GeoMap(command.ortho, command.elevation).whole();
   }
   if (!command.ortho.empty() || !command.elevation.empty())
     refuse("--terrain makes its own mosaic and elevation; leave out --ortho and --elevation");
