@@ -88,6 +88,13 @@ void SE3::orthonormalize() {
   R = U * svd.matrixV().transpose();
 }
 
+Matrix6d adjoint(const SE3& T) {
+  Matrix6d A = Matrix6d::Zero();
+  A.block<3, 3>(0, 0) = A.block<3, 3>(3, 3) = T.R;
+  A.block<3, 3>(0, 3) = hat(T.t) * T.R;
+  return A;
+}
+
 Matrix6d small_adjoint(const Vector6d& xi) {
   const Eigen::Matrix3d P = hat(xi.head<3>()), W = hat(xi.tail<3>());
   Matrix6d m = Matrix6d::Zero();

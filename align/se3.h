@@ -35,6 +35,9 @@ struct SE3 {
 /// The matrix v^ with v^ x = v cross x.
 Eigen::Matrix3d hat(const Eigen::Vector3d& v);
 
+/// The matrix Ad(T) = [R, t^ R; 0, R] for [rho, phi]: T Exp(xi) = Exp(Ad(T) xi) T.
+Matrix6d adjoint(const SE3& T);
+
 /// The matrix ad(xi) of se(3) for [rho, phi]: Exp(a) Exp(b) ~ Exp(a + b + 1/2 ad(a) b + ...).
 Matrix6d small_adjoint(const Vector6d& xi);
 

@@ -47,14 +47,6 @@ std::vector<uint8_t> small_mask(const ImageView& mask, int level) {
   return small;
 }
 
-/// [R, t^ R; 0, R]: T Exp(xi) = Exp(A xi) T.
-Matrix6d adjoint(const SE3& T) {
-  Matrix6d A = Matrix6d::Zero();
-  A.topLeftCorner<3, 3>() = A.bottomRightCorner<3, 3>() = T.R;
-  A.topRightCorner<3, 3>() = hat(T.t) * T.R;
-  return A;
-}
-
 /// m; nothing if the view shows no ground.
 std::optional<double> median_depth(const View& view) {
   std::vector<float> depth;
@@ -292,6 +284,9 @@ View Locator::view(const Camera& camera, const SE3& T_WC) {
   if (!impl_->map.cover(camera, {T_WC, 0, 0, 0, 0}, 1)) refuse("the map has nothing below this pose");
   return impl_->map.renderer().render(camera, T_WC);
 }
+
+const LocatorOptions& Locator::options() const { return impl_->options; }
+const std::shared_ptr<engine::Context>& Locator::context() const { return impl_->fine.context(); }
 
 Located Locator::locate(const ImageView& image, const Camera& camera, const LocatePrior& prior, const ImageView& mask) {
   prior.check();

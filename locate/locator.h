@@ -74,6 +74,9 @@ class Locator {
   /// map has nothing there.
   View view(const Camera& camera, const SE3& T_WC);
 
+  const LocatorOptions& options() const;
+  const std::shared_ptr<engine::Context>& context() const;
+
  private:
   struct Impl;
   std::unique_ptr<Impl> impl_;

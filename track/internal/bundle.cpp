@@ -9,6 +9,7 @@
 #include <Eigen/LU>
 
 #include <iclk/refine/internal/reprojection.h>
+#include <iclk/track/internal/edge_cost.h>
 
 namespace iclk::internal {
 namespace {
@@ -51,45 +52,6 @@ class SightingCost final : public ceres::SizedCostFunction<2, 12, 12, 1> {
   Eigen::Vector3d ray_;
   Eigen::Vector2d uv1_;
   Eigen::Matrix2d W_;
-};
-
-Matrix6d adjoint(const SE3& T) {
-  Matrix6d A = Matrix6d::Zero();
-  A.block<3, 3>(0, 0) = A.block<3, 3>(3, 3) = T.R;
-  A.block<3, 3>(0, 3) = hat(T.t) * T.R;
-  return A;
-}
-
-/// W Log(T_ji^-1 T_j^-1 T_i), with T_i = T_WC of `from`.
-class EdgeCost final : public ceres::SizedCostFunction<6, 12, 12> {
- public:
-  explicit EdgeCost(const BundleEdge& edge) : T_ji_(edge.T_to_from) {
-    const Matrix6d information = edge.covariance.inverse();
-    W_ = information.llt().matrixL().transpose();
-  }
-  bool Evaluate(double const* const* parameters, double* residuals, double** jacobians) const override {
-    const SE3 T_i = to_pose(parameters[0]), T_j = to_pose(parameters[1]);
-    const Vector6d xi = (T_ji_.inverse() * (T_j.inverse() * T_i)).log();
-    Eigen::Map<Vector6d>{residuals} = W_ * xi;
-    if (!jacobians) return true;
-    const Matrix6d J = W_ * inverse_right_jacobian(xi);
-    using Block = Eigen::Matrix<double, 6, 12, Eigen::RowMajor>;
-    const PoseManifold manifold;
-    Block minus;  // maps Ceres's ambient space to the twist
-    if (jacobians[0]) {
-      manifold.MinusJacobian(parameters[0], minus.data());
-      Eigen::Map<Block>{jacobians[0]} = J * minus;
-    }
-    if (jacobians[1]) {
-      manifold.MinusJacobian(parameters[1], minus.data());
-      Eigen::Map<Block>{jacobians[1]} = -J * adjoint(T_i.inverse() * T_j) * minus;
-    }
-    return true;
-  }
-
- private:
-  SE3 T_ji_;
-  Matrix6d W_;
 };
 
 bool seen(const SE3& T_i, const SE3& T_j, const Eigen::Vector3d& ray, double q) {

@@ -5,7 +5,7 @@
 #include <Eigen/Core>
 
 #include <iclk/align/camera.h>
-#include <iclk/align/se3.h>
+#include <iclk/track/internal/edge_cost.h>
 
 namespace iclk::internal {
 
@@ -23,13 +23,6 @@ struct BundleSighting {
   int frame = 0, feature = 0, seen_in = 0;
   Eigen::Vector2d uv;
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();  ///< px^2
-};
-
-/// A separately estimated motion between two frames: T_to_from = mean Exp(xi), with this covariance of xi = [rho, phi].
-struct BundleEdge {
-  int from = 0, to = 0;
-  SE3 T_to_from;
-  Matrix6d covariance = Matrix6d::Identity();
 };
 
 struct BundleOptions {

@@ -1,0 +1,139 @@
+#include <iclk/locate/internal/pose_graph.h>
+
+#include <algorithm>
+#include <deque>
+#include <map>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+#include <iclk/refine/internal/reprojection.h>
+
+namespace iclk::internal {
+namespace {
+
+constexpr double kLoss = 5;  // standard deviations, of a residual with six of them; a right one seldom has more
+constexpr int kIterations = 30;
+
+int other_end(const BundleEdge& edge, int frame) { return edge.from == frame ? edge.to : edge.from; }
+
+}  // namespace
+
+int PoseGraph::add() {
+  nodes_.emplace_back();
+  return size() - 1;
+}
+
+void PoseGraph::anchor(int frame, const SE3& T_WC, const Matrix6d& covariance) {
+  nodes_[static_cast<size_t>(frame)].anchor = BundleEdge{frame, -1, T_WC, covariance};
+  anchored_.push_back(frame);
+}
+
+void PoseGraph::motion(const BundleEdge& edge) {
+  for (const int frame : {edge.from, edge.to}) nodes_[static_cast<size_t>(frame)].edges.push_back(edges_.size());
+  edges_.push_back(edge);
+}
+
+int PoseGraph::anchored_before(int count) const {
+  const int n = static_cast<int>(anchored_.size());
+  return count > n ? 0 : anchored_[static_cast<size_t>(n - count)];
+}
+
+double PoseGraph::surprise(int frame) const {
+  const Node& n = node(frame);
+  if (!n.anchor) return 0;
+  const Vector6d xi = (n.anchor->T_to_from.inverse() * n.T_WC).log();
+  return std::sqrt(std::max(0.0, xi.dot(n.anchor->covariance.ldlt().solve(xi))));
+}
+
+/// The frames from `first` on, and those before that their motions lead to, up to the next anchors.
+std::vector<int> PoseGraph::involved(int first) const {
+  std::vector<bool> taken(nodes_.size());
+  std::deque<int> open;
+  for (int i = first; i < size(); ++i) taken[static_cast<size_t>(i)] = true, open.push_back(i);
+  while (!open.empty()) {
+    const int i = open.front();
+    open.pop_front();
+    if (i < first && node(i).anchor) continue;
+    for (const size_t e : node(i).edges) {
+      const int j = other_end(edges_[e], i);
+      if (!taken[static_cast<size_t>(j)]) taken[static_cast<size_t>(j)] = true, open.push_back(j);
+    }
+  }
+  std::vector<int> frames;
+  for (int i = 0; i < size(); ++i)
+    if (taken[static_cast<size_t>(i)]) frames.push_back(i);
+  return frames;
+}
+
+/// Those that hang on an anchor. Unknown poses follow from their neighbours.
+std::vector<int> PoseGraph::connect(const std::vector<int>& frames) {
+  std::vector<bool> reached(nodes_.size());
+  std::deque<int> open;
+  const auto reach = [&](int i, const SE3& T_WC) {
+    Node& n = nodes_[static_cast<size_t>(i)];
+    if (!n.known) n.T_WC = T_WC, n.known = true;
+    reached[static_cast<size_t>(i)] = true;
+    open.push_back(i);
+  };
+  for (const int i : frames)
+    if (node(i).anchor) reach(i, node(i).anchor->T_to_from);
+  while (!open.empty()) {
+    const int i = open.front();
+    open.pop_front();
+    for (const size_t e : node(i).edges) {
+      const int j = other_end(edges_[e], i);
+      if (reached[static_cast<size_t>(j)] || !std::binary_search(frames.begin(), frames.end(), j)) continue;
+      const SE3& T = edges_[e].T_to_from;
+      reach(j, node(i).T_WC * (edges_[e].from == i ? T.inverse() : T));
+    }
+  }
+  std::vector<int> connected;
+  std::copy_if(frames.begin(), frames.end(), std::back_inserter(connected),
+               [&](int i) { return reached[static_cast<size_t>(i)]; });
+  return connected;
+}
+
+void PoseGraph::solve(int first, int last) {
+  const std::vector<int> frames = connect(involved(first));
+  if (frames.empty()) return;
+  std::map<int, PoseBlock> blocks;
+  PoseBlock map = to_block(SE3());
+  ceres::Problem problem;
+  problem.AddParameterBlock(map.data(), 12, new PoseManifold);
+  problem.SetParameterBlockConstant(map.data());
+  for (const int i : frames) {
+    blocks[i] = to_block(node(i).T_WC);
+    problem.AddParameterBlock(blocks[i].data(), 12, new PoseManifold);
+  }
+  const auto add = [&](const BundleEdge& edge, double* to) {
+    problem.AddResidualBlock(new EdgeCost(edge), new ceres::CauchyLoss(kLoss), blocks[edge.from].data(), to);
+  };
+  for (const int i : frames) {
+    if (node(i).anchor) add(*node(i).anchor, map.data());
+    for (const size_t e : node(i).edges)
+      if (edges_[e].to == i && blocks.contains(edges_[e].from)) add(edges_[e], blocks[i].data());
+  }
+  ceres::Solver::Options options = solver_options(kIterations);
+  options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
+  ceres::Solver::Summary summary;
+  ceres::Solve(options, &problem, &summary);
+  if (!summary.IsSolutionUsable()) return;
+  ceres::Covariance::Options how;
+  how.algorithm_type = ceres::SPARSE_QR;
+  ceres::Covariance covariance(how);
+  std::vector<std::pair<const double*, const double*>> wanted;
+  for (const int i : frames)
+    if (i >= last) wanted.emplace_back(blocks[i].data(), blocks[i].data());
+  const bool certain = !wanted.empty() && covariance.Compute(wanted, &problem);
+  for (const int i : frames) {
+    Node& n = nodes_[static_cast<size_t>(i)];
+    n.T_WC = to_pose(blocks[i].data());
+    n.T_WC.orthonormalize();
+    Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
+    if (certain && i >= last && covariance.GetCovarianceBlockInTangentSpace(blocks[i].data(), blocks[i].data(), C.data()))
+      n.covariance = C;
+  }
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,194 @@
+#include <iclk/locate/sequence_locator.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <numeric>
+
+#include <iclk/engine/error.h>
+#include <iclk/locate/internal/pose_graph.h>
+#include <iclk/session/session.h>
+#include <iclk/track/tracker.h>
+
+namespace iclk {
+namespace {
+
+constexpr double kDepthSigma = 0.01;  // of the depths that the map gives, relative
+constexpr double kSwerve = 0.5;       // of the last motion: standard deviation of the next one
+constexpr double kLeastTurn = 0.01;   // rad, of a prediction
+constexpr double kUnconfirmed = 100;  // times the covariance, of motions that no features confirm
+constexpr double kLostGrowth = 2;     // times the last speed, m/s, by which the position of a lost camera becomes unknown
+
+/// T^(share): the same motion in another time.
+SE3 part(const SE3& T, double share) { return SE3::exp(share * T.log()); }
+
+SessionOptions tracking_options(SessionOptions options) {
+  options.model = "classical";
+  options.stages.clear();
+  options.search = SearchMode::on;
+  return options;
+}
+
+TrackerOptions tracker_options(const SequenceOptions& options) {
+  TrackerOptions tracker;
+  tracker.depth_sigma = {.relative = kDepthSigma};
+  tracker.masks = options.masks;
+  return tracker;
+}
+
+double mean_depth(const View& view) {
+  const auto some = std::count_if(view.depth.begin(), view.depth.end(), [](float z) { return z > 0; });
+  return std::accumulate(view.depth.begin(), view.depth.end(), 0.0) / std::max(1.0, static_cast<double>(some));
+}
+
+}  // namespace
+
+void SequenceOptions::check() const {
+  const auto refuse = [](const char* what) { throw Error(ErrorCode::invalid_argument, what); };
+  if (anchors < 1) refuse("anchors must be at least 1");
+  if (!(drift >= 0 && drift < 1)) refuse("drift must be 0 to 1");
+  if (!(contradiction > 0)) refuse("contradiction must be positive");
+}
+
+struct SequenceLocator::Impl {
+  Locator& locator;
+  Camera camera;
+  SequenceOptions options;
+  Session session;
+  Tracker tracker;
+  internal::PoseGraph graph;
+  std::vector<SequencePose> frames;
+  std::map<int, int> frame_of_keyframe;
+  std::optional<LocatePrior> prior;  // the last that was given
+  double distance = INFINITY;        // m to the ground, of the last located frame
+
+  Impl(Locator& l, const Camera& c, const SequenceOptions& o)
+      : locator(l),
+        camera(c),
+        options(o),
+        session(tracking_options(l.options().session), l.context()),
+        tracker(session, camera, tracker_options(o)) {}
+
+  std::optional<LocatePrior> predicted(double time) const;
+  void track(const LocateFrame& frame, const Located& located);
+  void add_motion(int from, int to, const SE3& T_to_from, const Matrix6d& covariance, bool confirmed);
+  LocatePrior around(int frame) const;
+  SequencePose locate(const LocateFrame& frame);
+};
+
+/// The pose of a frame that its motion tells.
+LocatePrior SequenceLocator::Impl::around(int frame) const {
+  const Matrix6d& C = graph.covariance(frame);
+  const double position = std::sqrt(C.topLeftCorner<3, 3>().trace()), turn = std::sqrt(C.bottomRightCorner<3, 3>().trace());
+  return {graph.pose(frame), position, position, turn + kLeastTurn, turn + kLeastTurn};
+}
+
+/// From the last known pose and the last known motion.
+std::optional<LocatePrior> SequenceLocator::Impl::predicted(double time) const {
+  int last = graph.size() - 1;
+  while (last >= 0 && !graph.known(last)) --last;
+  if (last < 0) return std::nullopt;
+  LocatePrior prior = around(last);
+  const double since = time - frames[static_cast<size_t>(last)].time;
+  SE3 motion;
+  double speed = 0;
+  if (last > 0 && graph.known(last - 1)) {
+    const double took = frames[static_cast<size_t>(last)].time - frames[static_cast<size_t>(last) - 1].time;
+    const SE3 step = graph.pose(last - 1).inverse() * graph.pose(last);
+    motion = part(step, std::min(since / took, 5.0));
+    speed = step.t.norm() / took;
+  }
+  prior.T_WC = prior.T_WC * motion;
+  const double far = kSwerve * motion.t.norm() + (last + 1 < graph.size() ? kLostGrowth * speed * since : 0);
+  const double turn =
+      kSwerve * motion.angle() + (last + 1 < graph.size() ? kSwerve * (graph.size() - 1 - last) * kLeastTurn : 0);
+  prior.position_sigma += far, prior.height_sigma += far;
+  prior.tilt_sigma = std::min(prior.tilt_sigma + turn, 0.3);
+  prior.heading_sigma = std::min(prior.heading_sigma + 2 * turn, M_PI);
+  return prior;
+}
+
+void SequenceLocator::Impl::add_motion(int from, int to, const SE3& T_to_from, const Matrix6d& covariance, bool confirmed) {
+  Matrix6d C = (confirmed ? 1 : kUnconfirmed) * covariance;
+  const double shared = options.drift * T_to_from.t.norm();  // m
+  const double turned = shared / distance;                   // rad
+  C.topLeftCorner<3, 3>().diagonal().array() += shared * shared + 1e-8;
+  C.bottomRightCorner<3, 3>().diagonal().array() += turned * turned + 1e-10;
+  graph.motion({from, to, T_to_from, C});
+}
+
+void SequenceLocator::Impl::track(const LocateFrame& frame, const Located& located) {
+  const int now = graph.size() - 1;
+  View view;
+  TrackFrame next{frame.time, frame.image, {}, frame.mask};
+  if (located.converged()) {
+    view = locator.view(camera, located.T_WC);
+    next.depth = view.depth_image();
+    distance = mean_depth(view);
+  }
+  const TrackResult result = tracker.track(next);
+  if (result.before) frame_of_keyframe[result.before->keyframe] = now - 1;
+  if (result.status == TrackStatus::lost) return;
+  if (result.status == TrackStatus::keyframe) {
+    frame_of_keyframe[result.keyframe] = now;
+    if (!result.origin) return;
+    const TrackResult::Origin& origin = *result.origin;
+    const SE3 T = tracker.keyframe_pose(result.keyframe).inverse() * tracker.keyframe_pose(origin.keyframe);
+    add_motion(frame_of_keyframe.at(origin.keyframe), now, T, origin.covariance, origin.confirmed);
+    return;
+  }
+  add_motion(frame_of_keyframe.at(result.keyframe), now, result.T_CK, result.covariance, result.confirmed);
+}
+
+SequencePose SequenceLocator::Impl::locate(const LocateFrame& frame) {
+  if (frame.prior) prior = frame.prior;
+  std::optional<LocatePrior> where = predicted(frame.time);
+  if (!where) where = prior;
+  if (!where) throw Error(ErrorCode::invalid_argument, "the first frame of a sequence needs a prior");
+  SequencePose pose;
+  pose.time = frame.time;
+  pose.located = locator.locate(frame.image, camera, *where, frame.mask);
+  const int now = graph.add();
+  track(frame, pose.located);
+  graph.solve(graph.anchored_before(options.anchors), now);
+  if (!pose.located.converged() && graph.known(now)) {
+    const LocatePrior second = around(now);
+    if ((second.T_WC.t - where->T_WC.t).norm() > where->position_sigma ||
+        (second.T_WC.R.transpose() * where->T_WC.R).trace() < 2.99)
+      pose.located = locator.locate(frame.image, camera, second, frame.mask);
+  }
+  if (pose.located.converged()) {
+    graph.anchor(now, pose.located.T_WC, pose.located.covariance);
+    graph.solve(graph.anchored_before(options.anchors), now);
+  }
+  pose.known = graph.known(now);
+  if (pose.known) pose.T_WC = graph.pose(now), pose.covariance = graph.covariance(now);
+  frames.push_back(pose);
+  return pose;
+}
+
+SequenceLocator::SequenceLocator(Locator& locator, const Camera& camera, const SequenceOptions& options) {
+  options.check();
+  impl_ = std::make_unique<Impl>(locator, camera, options);
+}
+SequenceLocator::~SequenceLocator() = default;
+
+SequencePose SequenceLocator::locate(const LocateFrame& frame) { return impl_->locate(frame); }
+
+std::vector<SequencePose> SequenceLocator::all() {
+  Impl& s = *impl_;
+  s.graph.solve(0, 0);
+  for (int i = 0; i < s.graph.size(); ++i) {
+    SequencePose& pose = s.frames[static_cast<size_t>(i)];
+    pose.known = s.graph.known(i);
+    if (!pose.known) continue;
+    pose.T_WC = s.graph.pose(i), pose.covariance = s.graph.covariance(i);
+    if (pose.located.converged() && s.graph.surprise(i) > s.options.contradiction) {
+      pose.located.status = Status::diverged;
+      pose.located.reason = "the motion between frames contradicts the pose on the map";
+    }
+  }
+  return s.frames;
+}
+
+}  // namespace iclk
