@@ -70,10 +70,10 @@ struct SequenceLocator::Impl {
         tracker(session, camera, tracker_options(o)) {}
 
   std::optional<LocatePrior> predicted(double time) const;
-  void track(const LocateFrame& frame, const Located& located);
+  void track(const LocatorFrame& frame, const Located& located);
   void add_motion(int from, int to, const SE3& T_to_from, const Matrix6d& covariance, bool confirmed);
   LocatePrior around(int frame) const;
-  SequencePose locate(const LocateFrame& frame);
+  SequencePose locate(const LocatorFrame& frame);
 };
 
 /// The pose of a frame that its motion tells.
@@ -117,7 +117,7 @@ void SequenceLocator::Impl::add_motion(int from, int to, const SE3& T_to_from, c
   graph.motion({from, to, T_to_from, C});
 }
 
-void SequenceLocator::Impl::track(const LocateFrame& frame, const Located& located) {
+void SequenceLocator::Impl::track(const LocatorFrame& frame, const Located& located) {
   const int now = graph.size() - 1;
   View view;
   TrackFrame next{frame.time, frame.image, {}, frame.mask};
@@ -140,7 +140,7 @@ void SequenceLocator::Impl::track(const LocateFrame& frame, const Located& locat
   add_motion(frame_of_keyframe.at(result.keyframe), now, result.T_CK, result.covariance, result.confirmed);
 }
 
-SequencePose SequenceLocator::Impl::locate(const LocateFrame& frame) {
+SequencePose SequenceLocator::Impl::locate(const LocatorFrame& frame) {
   if (frame.prior) prior = frame.prior;
   std::optional<LocatePrior> where = predicted(frame.time);
   if (!where) where = prior;
@@ -173,7 +173,7 @@ SequenceLocator::SequenceLocator(Locator& locator, const Camera& camera, const S
 }
 SequenceLocator::~SequenceLocator() = default;
 
-SequencePose SequenceLocator::locate(const LocateFrame& frame) { return impl_->locate(frame); }
+SequencePose SequenceLocator::locate(const LocatorFrame& frame) { return impl_->locate(frame); }
 
 std::vector<SequencePose> SequenceLocator::all() {
   Impl& s = *impl_;

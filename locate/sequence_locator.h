@@ -8,7 +8,7 @@
 namespace iclk {
 
 /// A frame of a sequence. Pointers are read during the call only.
-struct LocateFrame {
+struct LocatorFrame {
   double time = 0;  ///< s; later than the previous frame
   ImageView image;  ///< undistorted, of the camera's size
   ImageView mask;   ///< r8; pixels that are 0 are not used. May be empty; needs SequenceOptions::masks
@@ -47,7 +47,7 @@ class SequenceLocator {
 
   /// The next frame, with its live pose. Throws Error(invalid_argument) for a time that is not later, for a first frame without
   /// a prior, and the errors of Locator::locate() and Tracker::track().
-  SequencePose locate(const LocateFrame& frame);
+  SequencePose locate(const LocatorFrame& frame);
   /// The poses of all frames so far, from all anchors and motions: what came later also counts.
   std::vector<SequencePose> all();
 

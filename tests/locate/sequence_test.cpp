@@ -69,7 +69,7 @@ TEST_F(Sequences, FramesWithoutAMapKeepAPose) {
   for (int i = 0; i < kFrames; ++i) {
     View view = renderer.render(kCamera, pose_at(i));
     if (i == kBlack) std::fill(view.rgba.begin(), view.rgba.end(), 0xff000000u);
-    LocateFrame frame{0.1 * i, view.image(), {}, {}};
+    LocatorFrame frame{0.1 * i, view.image(), {}, {}};
     if (i == 0) frame.prior = LocatePrior{pose_at(0), 5, 5, 0.05, 0.1};
     live.push_back(sequence.locate(frame));
   }

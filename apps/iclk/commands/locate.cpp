@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include <iclk/session/io/distortion.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/iclk/commands/command.h"
 #include "apps/iclk/common/angles.h"
@@ -18,20 +19,21 @@ namespace {
 
 struct LocateCommand {
   LocateRun run;
-  std::string camera, distortion;
-  std::vector<double> sigma = {10, 5};
-  std::optional<double> height_sigma, heading_sigma;
-  std::string model = default_model();
+  std::string camera, distortion, sigma = "10,5";
+  std::string altitude = "map", model = default_model();
 };
 
 const char* const kLocateFooter =
     "The map is an orthophoto and its elevation, in one projected system in metres. A pose T_WC maps points of the camera (x\n"
-    "right, y down, z forward) into the map (x east, y north, z up). Heights are those of the elevation model.\n"
+    "right, y down, z forward) into the map (x east, y north, z up).\n"
     "\n"
-    "--prior has one pose per frame:\n"
+    "--prior is one of:\n"
     "  CSV, with a header: image, then x,y,z or lat,lon,z, then yaw,pitch,roll or omega,phi,kappa. Metres and degrees.\n"
     "    yaw: clockwise from north; pitch: up from the horizon, -90 looks straight down; roll: clockwise.\n"
+    "    sigma, sigma_z (m), sigma_angle, sigma_heading (degrees): in place of --prior-sigma and the others, for this frame.\n"
     "  TUM lines 'time tx ty tz qx qy qz qw' of T_WC; the times are those of rgb.txt.\n"
+    "  LAT,LON,Z: one place for all frames; X,Y,Z if the map has no system of coordinates.\n"
+    "Without --prior, EXIF has the position, and the XMP of DJI, Autel, Parrot, senseFly, Sentera or MicaSense the attitude.\n"
     "\n"
     "--out gets located.jsonl (docs/schema/located-1.json), trajectory.txt (TUM), located.geojson (positions and footprints "
     "for\n"
@@ -40,20 +42,25 @@ const char* const kLocateFooter =
     "Examples:\n"
     "  iclk locate frames --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior poses.csv --out located\n"
     "  iclk locate a.jpg --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior poses.csv --prior-sigma 3,2 --out a\n"
-    "  iclk locate frames --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior poses.csv --heading-sigma 180 --out "
-    "b\n"
+    "  iclk locate frames --ortho map.tif --elevation dsm.tif --camera camera.yaml --altitude ground --out b  # from EXIF\n"
+    "  iclk locate a.jpg --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior 47.85,15.01,620 --out c\n"
     "\n";
+
+const std::vector<std::string> kAltitudes = {"map", "ground", "ellipsoid"};  // by Altitude
 
 LocateRun prepared(const LocateCommand& command) {
   LocateRun run = command.run;
-  run.camera = load_camera(command.camera);
+  if (!command.camera.empty()) run.camera = load_camera(command.camera);
   if (!command.distortion.empty()) run.distortion = parse_distortion(command.distortion);
-  if (command.sigma.size() != 2) refuse("--prior-sigma wants METRES,DEGREES, like 10,5");
-  run.sigmas.position_sigma = command.sigma[0];
-  run.sigmas.height_sigma = command.height_sigma.value_or(command.sigma[0]);
-  run.sigmas.tilt_sigma = command.sigma[1] * kDegree;
-  run.sigmas.heading_sigma = command.heading_sigma.value_or(command.sigma[1]) * kDegree;
-  run.sigmas.check();
+  const std::vector<double> sigma = parse_numbers(command.sigma, "--prior-sigma");
+  if (sigma.size() != 2) refuse("--prior-sigma " + command.sigma + ": must be METRES,DEGREES, such as 10,5");
+  PriorOptions& priors = run.priors;
+  priors.sigmas.position = sigma[0], priors.sigmas.angle = sigma[1];
+  priors.sigmas.around({});  // checks them
+  priors.altitude =
+      static_cast<Altitude>(std::find(kAltitudes.begin(), kAltitudes.end(), command.altitude) - kAltitudes.begin());
+  if ((priors.altitude == Altitude::ellipsoid) != priors.geoid.has_value())
+    refuse("--altitude ellipsoid needs --geoid, the height of the geoid above the ellipsoid there, and only it takes --geoid");
   run.locator.session.model = command.model;
   run.locator.session.device = run.device;
   return run;
@@ -79,8 +86,8 @@ std::string report_text(const LocateReport& report, const std::string& out) {
 
 void run_locate_command(const LocateCommand& command, int& exit) {
   const LocateReport report = run_locate(prepared(command), terminal_progress());
-  if (report.without_prior > 0)
-    spdlog::warn("{} frames have no pose in {} and were left out", report.without_prior, command.run.prior);
+  if (!report.left_out.empty())
+    spdlog::warn("{} frames without a prior were left out; {}", report.left_out.size(), report.left_out.front());
   print(report_text(report, command.run.out));
   const bool any =
       std::any_of(report.frames.begin(), report.frames.end(), [](const LocatedFrame& f) { return f.located.converged(); });
@@ -106,23 +113,37 @@ void add_locate(CLI::App& app, int& exit) {
       ->required()
       ->type_name("FILE")
       ->check(not_empty);
-  sub->add_option("--camera", o->camera, "fx,fy,cx,cy[,width,height] in pixels, or a camera file as `iclk align` reads it")
-      ->required()
+  sub->add_option("--camera", o->camera,
+                  "fx,fy,cx,cy[,width,height] in pixels, or a camera file as `iclk align` reads it; default: DJI's calibration "
+                  "in the pictures (DewarpData)")
       ->check(not_empty);
   sub->add_option("--distortion", o->distortion,
                   "radtan:k1,k2,p1,p2[,k3], equidistant:k1,k2,k3,k4 or none; default: the file's")
       ->check(not_empty);
   sub->option_defaults()->group("Prior");
-  sub->add_option("--prior", run.prior, "Approximate poses of the frames: CSV or TUM lines, see below")
-      ->required()
-      ->type_name("FILE")
+  PriorOptions& priors = run.priors;
+  sub->add_option(
+         "--prior", priors.source,
+         "Approximate poses of the frames: CSV or TUM lines, see below; or LAT,LON,Z, one place for all frames. Default: "
+         "what the pictures state")
+      ->type_name("FILE|LAT,LON,Z")
       ->check(not_empty);
-  sub->add_option("--prior-sigma", o->sigma, "METRES,DEGREES: standard deviations of position and attitude. Default 10,5")
-      ->delimiter(',')
-      ->expected(2)
-      ->type_name("METRES,DEGREES");
-  sub->add_option("--height-sigma", o->height_sigma, "Of the height, m; default: that of the position")->type_name("METRES");
-  sub->add_option("--heading-sigma", o->heading_sigma, "Of the heading, degrees; 180: unknown. Default: that of the attitude")
+  sub->add_option("--heading", priors.heading, "For LAT,LON,Z: clockwise from north; default: unknown")->type_name("DEGREES");
+  sub->add_option("--pitch", priors.pitch, "For LAT,LON,Z: up from the horizon. Default -90, straight down")
+      ->type_name("DEGREES");
+  sub->add_option("--altitude", o->altitude,
+                  "What heights of priors count from: map, as the elevation; ground, below the camera; ellipsoid")
+      ->check(CLI::IsMember(kAltitudes))
+      ->capture_default_str();
+  sub->add_option("--geoid", priors.geoid, "For --altitude ellipsoid: height of the geoid above the ellipsoid there")
+      ->type_name("METRES");
+  sub->add_option("--prior-sigma", o->sigma, "Standard deviations of position and attitude")
+      ->type_name("METRES,DEGREES")
+      ->capture_default_str();
+  sub->add_option("--height-sigma", priors.sigmas.height, "Of the height, m; default: that of the position")
+      ->type_name("METRES");
+  sub->add_option("--heading-sigma", priors.sigmas.heading,
+                  "Of the heading, degrees; 180: unknown. Default: that of the attitude")
       ->type_name("DEGREES");
   sub->option_defaults()->group("Alignment");
   sub->add_option("--model", o->model, "auto, classical, or a learned model, as in `iclk align`")->capture_default_str();

@@ -13,6 +13,7 @@
 
 #include "apps/iclk/common/angles.h"
 #include "apps/iclk/common/refuse.h"
+#include "apps/iclk/locate/metadata.h"
 
 namespace iclk {
 namespace {
@@ -29,11 +30,17 @@ Eigen::Matrix3d north() {
 }
 
 using Columns = std::array<int, 3>;
+constexpr std::array<const char*, 4> kSigmas = {"sigma", "sigma_z", "sigma_angle", "sigma_heading"};
+
+/// The place on the map, or nothing.
+std::optional<Eigen::Vector2d> place_of(const MapSystem& map, double latitude, double longitude) {
+  return std::abs(latitude) <= 90 && std::abs(longitude) <= 360 ? map.place(latitude, longitude) : std::nullopt;
+}
 
 /// Reads the lines of a CSV file of poses.
 class PriorTable {
  public:
-  PriorTable(std::string path, const MapSystem& map) : path_(std::move(path)), map_(map) {}
+  PriorTable(const PriorOptions& options, const MapSystem& map) : path_(options.source), map_(map), sigmas_(options.sigmas) {}
 
   std::vector<FramePrior> read(std::string_view text) {
     std::vector<FramePrior> priors;
@@ -67,19 +74,33 @@ class PriorTable {
     if (find("image") == count || metres.has_value() == degrees.has_value() || drone.has_value() == survey.has_value())
       fail("the header must have 'image', either 'x,y,z' or 'lat,lon,z', and either 'yaw,pitch,roll' or 'omega,phi,kappa'");
     image_ = find("image"), count_ = cells.size();
+    for (size_t i = 0; i < kSigmas.size(); ++i) sigma_columns_[i] = find(kSigmas[i]);
     on_earth_ = degrees.has_value(), position_ = on_earth_ ? *degrees : *metres;
     survey_ = survey.has_value(), attitude_ = survey_ ? *survey : *drone;
     if (on_earth_ && !map_.on_earth()) fail("'lat,lon' cannot be placed: the map names no system of coordinates; give 'x,y'");
   }
 
+  double number(const std::string& cell) const {
+    const auto value = to_number(cell);
+    if (!value || !std::isfinite(*value)) fail("'" + printable(cell) + "' is not a number");
+    return *value;
+  }
+
   Eigen::Vector3d numbers(const std::vector<std::string>& cells, const Columns& columns) const {
     Eigen::Vector3d all;
-    for (size_t i = 0; i < 3; ++i) {
-      const std::string& cell = cells[static_cast<size_t>(columns[i])];
-      const auto value = to_number(cell);
-      if (!value || !std::isfinite(*value)) fail("'" + printable(cell) + "' is not a number");
-      all[static_cast<int>(i)] = *value;
-    }
+    for (size_t i = 0; i < 3; ++i) all[static_cast<int>(i)] = number(cells[static_cast<size_t>(columns[i])]);
+    return all;
+  }
+
+  PriorSigmas sigmas(const std::vector<std::string>& cells) const {
+    PriorSigmas all = sigmas_;
+    const auto set = [&](size_t i, auto& sigma) {
+      if (sigma_columns_[i] == static_cast<int>(count_)) return;
+      const double value = number(cells[static_cast<size_t>(sigma_columns_[i])]);
+      if (value < 0) fail(std::string(kSigmas[i]) + " is below 0");
+      sigma = value;
+    };
+    set(0, all.position), set(1, all.height), set(2, all.angle), set(3, all.heading);
     return all;
   }
 
@@ -90,17 +111,18 @@ class PriorTable {
     if (prior.image.empty()) fail("names no image");
     if (!names_.insert(prior.image.substr(prior.image.find_last_of('/') + 1)).second)
       fail("a second pose of " + printable(prior.image));
-    prior.T_WC.t = numbers(cells, position_);
+    SE3 T_WC;
+    T_WC.t = numbers(cells, position_);
     if (on_earth_) {
-      const double latitude = prior.T_WC.t.x(), longitude = prior.T_WC.t.y();
-      const auto place =
-          std::abs(latitude) <= 90 && std::abs(longitude) <= 360 ? map_.place(latitude, longitude) : std::nullopt;
+      const double latitude = T_WC.t.x(), longitude = T_WC.t.y();
+      const auto place = place_of(map_, latitude, longitude);
       if (!place)
         fail("latitude " + std::to_string(latitude) + " and longitude " + std::to_string(longitude) + " are not on the map");
-      prior.T_WC.t.head<2>() = *place;
+      T_WC.t.head<2>() = *place;
     }
     const Eigen::Vector3d degrees = numbers(cells, attitude_);
-    prior.T_WC.R = survey_ ? from_omega_phi_kappa(degrees) : from_yaw_pitch_roll(degrees);
+    T_WC.R = survey_ ? from_omega_phi_kappa(degrees) : from_yaw_pitch_roll(degrees);
+    prior.prior = sigmas(cells).around(T_WC);
     return prior;
   }
 
@@ -110,6 +132,8 @@ class PriorTable {
   size_t count_ = 0;
   bool on_earth_ = false, survey_ = false;
   Columns position_{}, attitude_{};
+  PriorSigmas sigmas_;
+  std::array<int, kSigmas.size()> sigma_columns_{};
   std::set<std::string> names_;  // of files, without folders
 };
 
@@ -144,17 +168,69 @@ Eigen::Vector3d omega_phi_kappa(const Eigen::Matrix3d& R_WC) {
          kDegree;
 }
 
-std::vector<FramePrior> load_priors(const std::string& path, const MapSystem& map) {
+LocatePrior PriorSigmas::around(const SE3& T_WC) const {
+  LocatePrior prior{T_WC, position, height.value_or(position), angle * kDegree, heading.value_or(angle) * kDegree};
+  prior.check();
+  return prior;
+}
+
+std::optional<LocatePrior> first_prior(const PriorOptions& options, const MapSystem& map) {
+  std::vector<double> numbers;
+  for (const std::string& cell : split_cells(options.source))
+    if (const auto value = to_number(cell); value && std::isfinite(*value)) numbers.push_back(*value);
+  if (numbers.size() != 3 || split_cells(options.source).size() != 3) {
+    if (options.heading || options.pitch) refuse("--heading and --pitch need --prior LAT,LON,Z; other priors have an attitude");
+    return std::nullopt;
+  }
+  SE3 T_WC;
+  T_WC.t = Eigen::Map<Eigen::Vector3d>(numbers.data());
+  if (map.on_earth()) {
+    const auto place = place_of(map, numbers[0], numbers[1]);
+    if (!place)
+      refuse("--prior " + options.source +
+             ": this is no LAT,LON,Z of the map, which has a system of coordinates; give x,y,z in a CSV file");
+    T_WC.t.head<2>() = *place;
+  }
+  T_WC.R = from_yaw_pitch_roll({options.heading.value_or(0), options.pitch.value_or(-90), 0});
+  PriorSigmas sigmas = options.sigmas;
+  if (!options.heading) sigmas.heading = 180;
+  return sigmas.around(T_WC);
+}
+
+std::vector<FramePrior> load_priors(const PriorOptions& options, const MapSystem& map) {
+  const std::string& path = options.source;
   const std::string text = read_file(path, size_t{256} << 20);
   for (const std::string_view line : lines_of(text)) {
     const std::string_view first = without_comment(line);
     if (first.empty()) continue;
-    if (first.find(',') != std::string_view::npos) return PriorTable(path, map).read(text);
+    if (first.find(',') != std::string_view::npos) return PriorTable(options, map).read(text);
     break;
   }
   std::vector<FramePrior> priors;
-  for (const StampedPose& pose : load_trajectory(path)) priors.push_back({"", pose.stamp, pose.T_wc});
+  for (const StampedPose& pose : load_trajectory(path)) priors.push_back({"", pose.stamp, options.sigmas.around(pose.T_wc)});
   return priors;
+}
+
+std::optional<LocatePrior> stated_prior(const PictureMetadata& stated, const PriorOptions& options, const MapSystem& map,
+                                        std::string& why) {
+  const bool ground = options.altitude == Altitude::ground;
+  const std::optional<double>& z = ground ? stated.height : stated.altitude;
+  const auto place = stated.lat_lon ? place_of(map, stated.lat_lon->x(), stated.lat_lon->y()) : std::nullopt;
+  why = !stated.lat_lon ? stated.no_place : !stated.R_WC ? stated.no_attitude : "";
+  if (why.empty() && !place) why = "its GPS position is outside of what the map's system covers";
+  if (why.empty() && !z) why = ground ? "it has no height above the ground (RelativeAltitude)" : "it has no altitude";
+  if (why.empty() && stated.ellipsoid && options.altitude == Altitude::map)
+    why = "its altitude counts from the ellipsoid; give --altitude ellipsoid and --geoid";
+  if (!why.empty()) return std::nullopt;
+  return options.sigmas.around({*stated.R_WC, {place->x(), place->y(), *z}});
+}
+
+bool to_map_height(LocatePrior& prior, const PriorOptions& options, const std::optional<double>& ground) {
+  double& z = prior.T_WC.t.z();
+  if (options.altitude == Altitude::ellipsoid) z -= options.geoid.value();
+  if (options.altitude != Altitude::ground) return true;
+  if (ground) z += *ground;
+  return ground.has_value();
 }
 
 }  // namespace iclk

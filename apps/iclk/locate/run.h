@@ -8,27 +8,29 @@
 
 #include "apps/iclk/common/progress.h"
 #include "apps/iclk/locate/output.h"
+#include "apps/iclk/locate/priors.h"
 
 namespace iclk {
 
 struct LocateRun {
   std::vector<std::string> frames;  ///< images, or one folder: of images, or a recording with rgb.txt, whose times count
-  std::string ortho, elevation, prior, out;
-  CameraFile camera;
+  std::string ortho, elevation, out;
+  PriorOptions priors;
+  std::optional<CameraFile> camera;      ///< none: the calibration that the pictures state
   std::optional<Distortion> distortion;  ///< none: the camera file's
-  LocatePrior sigmas;                    ///< its pose is not used
   LocatorOptions locator;
   std::string device;
 };
 
 struct LocateReport {
   std::vector<LocatedFrame> frames;
-  int without_prior = 0;  ///< frames that were left out
-  double seconds = 0;     ///< of locating all frames
+  std::vector<std::string> left_out;  ///< "a.jpg: it has no GPS position": frames without a prior
+  double seconds = 0;                 ///< of locating all frames
 };
 
 /// Locates the frames and writes located.jsonl, trajectory.txt, located.geojson and overlay/ to `out`.
-/// Throws Error(invalid_argument) if no frame has a prior or the map does not reach one, and the errors of the readers.
+/// Throws Error(invalid_argument) if no frame has a prior, the map does not reach one or no camera is known, and the errors of
+/// the readers.
 LocateReport run_locate(const LocateRun& run, const Progress& progress);
 
 }  // namespace iclk
