@@ -21,6 +21,19 @@ TEST_F(Locate, FindsPicturesAndWritesWhatItSays) {
   const auto first = nlohmann::json::parse(lines_of(bytes_of(out + "/located.jsonl")).front());
   EXPECT_NEAR(first.at("lat_lon").at(0).get<double>(), 47.85, 0.01);
   EXPECT_NEAR(first.at("lat_lon").at(1).get<double>(), 15.0, 0.01);
+  const std::string csv = bytes_of(out + "/located.csv");
+  const auto table = lines_of(csv);
+  ASSERT_GE(table.size(), 4u);
+  const auto head = split_cells(table[0]), row = split_cells(table[1]);
+  ASSERT_EQ(row.size(), head.size());
+  const auto cell = [&](const char* column) {
+    return to_number(row[static_cast<size_t>(std::find(head.begin(), head.end(), column) - head.begin())]).value();
+  };
+  EXPECT_NEAR(cell("y"), truth_[0].t.y(), 0.1);
+  EXPECT_NEAR(cell("lat"), first.at("lat_lon").at(0).get<double>(), 1e-8);
+  EXPECT_NEAR(cell("kappa"), first.at("omega_phi_kappa").at(2).get<double>(), 1e-4);
+  EXPECT_NEAR(cell("sigma_z"), first.at("sigma").at("position").at(2).get<double>(), 1e-3 * cell("sigma_z"));
+  EXPECT_EQ(cell("inliers"), first.at("inliers").get<double>());
   const auto map = nlohmann::json::parse(bytes_of(out + "/located.geojson"));
   ASSERT_EQ(map.at("features").size(), 6u) << "a point and a footprint per picture";
   EXPECT_NEAR(map.at("features").at(0).at("geometry").at("coordinates").at(0).get<double>(), 15.0, 0.01);
@@ -39,6 +52,10 @@ TEST_F(Locate, PicturesThatAreNotFoundAreNotClaimed) {
   EXPECT_EQ(f.code, 14) << f.out << f.err;
   expect_lines_of("located-1.json", folder.path("out/located.jsonl"));
   EXPECT_EQ(bytes_of(folder.path("out/trajectory.txt")).find("\n0"), std::string::npos);
+  const std::string csv = bytes_of(folder.path("out/located.csv"));
+  const auto table = lines_of(csv);
+  ASSERT_GE(table.size(), 2u);
+  EXPECT_EQ(split_cells(table[1]).size(), split_cells(table[0]).size()) << table[1];
 }
 
 TEST_F(Locate, BadInputIsSaid) {

@@ -35,7 +35,8 @@ const char* const kLocateFooter =
     "  LAT,LON,Z: one place for all frames; X,Y,Z if the map has no system of coordinates.\n"
     "Without --prior, EXIF has the position, and the XMP of DJI, Autel, Parrot, senseFly, Sentera or MicaSense the attitude.\n"
     "\n"
-    "--out gets located.jsonl (docs/schema/located-1.json), trajectory.txt (TUM), located.geojson (positions and footprints "
+    "--out gets located.jsonl (docs/schema/located-1.json), located.csv, trajectory.txt (TUM), located.geojson (positions and "
+    "footprints "
     "for\n"
     "QGIS, if the map has a system of coordinates) and overlay/ (map red, picture cyan: grey where they agree).\n"
     "\n"
@@ -81,7 +82,7 @@ std::string report_text(const LocateReport& report, const std::string& out) {
     text += "\n";
   }
   text += fmt::format("\nlocated    {} of {} frames, {:.0f} ms per frame\n", located, ms.size(), median(ms));
-  return text + "written    located.jsonl, trajectory.txt and overlay/ in " + out + "\n";
+  return text + "written    located.jsonl, located.csv, trajectory.txt and overlay/ in " + out + "\n";
 }
 
 void run_locate_command(const LocateCommand& command, int& exit) {

@@ -19,11 +19,19 @@ using Json = nlohmann::ordered_json;
 
 Json vector_json(const Eigen::Vector3d& v) { return {number(v.x()), number(v.y()), number(v.z())}; }
 
-/// Standard deviations of the position on the map, m, and of the attitude, degrees.
-Json sigma_json(const Located& l) {
+/// Standard deviations of the position on the map, m.
+Eigen::Vector3d position_sigma(const Located& l) {
   const Eigen::Matrix3d position = l.T_WC.R * l.covariance.topLeftCorner<3, 3>() * l.T_WC.R.transpose();
-  return {{"position", vector_json(position.diagonal().cwiseMax(0).cwiseSqrt())},
-          {"attitude", number(std::sqrt(std::max(0.0, l.covariance.bottomRightCorner<3, 3>().trace() / 3)) / kDegree)}};
+  return position.diagonal().cwiseMax(0).cwiseSqrt();
+}
+
+/// Of the attitude, degrees: the mean of the three axes.
+double attitude_sigma(const Located& l) {
+  return std::sqrt(std::max(0.0, l.covariance.bottomRightCorner<3, 3>().trace() / 3)) / kDegree;
+}
+
+Json sigma_json(const Located& l) {
+  return {{"position", vector_json(position_sigma(l))}, {"attitude", number(attitude_sigma(l))}};
 }
 
 Json coordinates(const MapSystem& map, const Eigen::Vector3d& X) {
@@ -57,6 +65,37 @@ std::string located_json(const LocatedFrame& frame, const MapSystem& map) {
     for (const SE3& rival : l.rivals) line["rivals"].push_back(tum_line(rival));
   }
   return text(line);
+}
+
+std::string csv_cell(const std::string& text) {
+  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
+  std::string quoted = "\"";
+  for (const char c : text) quoted += c == '"' ? std::string("\"\"") : std::string(1, c);
+  return quoted + "\"";
+}
+
+std::string csv_place(const MapSystem& map, const Eigen::Vector3d& X) {
+  const auto at = map.lat_lon(X.x(), X.y());
+  return (at ? fmt::format("{:.9f},{:.9f}", at->x(), at->y()) : ",") +
+         fmt::format(",{:.4f},{:.4f},{:.4f}", X.x(), X.y(), X.z());
+}
+
+std::string located_csv(std::span<const LocatedFrame> frames, const MapSystem& map) {
+  std::string lines =
+      "image,time,status,lat,lon,x,y,z,yaw,pitch,roll,omega,phi,kappa,sigma_x,sigma_y,sigma_z,sigma_angle,inliers\n";
+  for (const LocatedFrame& f : frames) {
+    const Located& l = f.located;
+    lines += fmt::format("{},{:.6f},{},", csv_cell(f.image), f.time, name(l.status));
+    if (!l.converged()) {
+      lines += std::string(15, ',') + "\n";
+      continue;
+    }
+    const Eigen::Vector3d a = yaw_pitch_roll(l.T_WC.R), o = omega_phi_kappa(l.T_WC.R), s = position_sigma(l);
+    lines += csv_place(map, l.T_WC.t) +
+             fmt::format(",{:.5f},{:.5f},{:.5f},{:.5f},{:.5f},{:.5f}", a.x(), a.y(), a.z(), o.x(), o.y(), o.z()) +
+             fmt::format(",{:.4g},{:.4g},{:.4g},{:.4g},{}\n", s.x(), s.y(), s.z(), attitude_sigma(l), l.inliers);
+  }
+  return lines;
 }
 
 std::string located_tum(std::span<const LocatedFrame> frames) {

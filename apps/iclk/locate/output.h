@@ -25,6 +25,12 @@ struct LocatedFrame {
 std::string located_json(const LocatedFrame& frame, const MapSystem& map);
 /// "time tx ty tz qx qy qz qw" of the pictures that were located.
 std::string located_tum(std::span<const LocatedFrame> frames);
+/// A header and a line per picture; cells that have no value are empty.
+std::string located_csv(std::span<const LocatedFrame> frames, const MapSystem& map);
+/// "lat,lon,x,y,z" of a place; latitude and longitude are empty unless map.on_earth().
+std::string csv_place(const MapSystem& map, const Eigen::Vector3d& X);
+/// In quotes where a CSV file needs them.
+std::string csv_cell(const std::string& text);
 /// Positions and footprints for QGIS, WGS 84. Empty unless map.on_earth().
 std::string located_geojson(std::span<const LocatedFrame> frames, const MapSystem& map);
 

@@ -65,6 +65,7 @@ LocateReport run_locate(const LocateRun& given, const Progress& progress) {
   report.seconds = 1e-3 * time.ms();
   const auto write = [&](const char* name, const std::string& text) { write_file((fs::path(run.out) / name).string(), text); };
   write("located.jsonl", lines);
+  write("located.csv", located_csv(report.frames, system));
   write("trajectory.txt", located_tum(report.frames));
   if (system.on_earth()) write("located.geojson", located_geojson(report.frames, system));
   return report;

@@ -28,7 +28,7 @@ struct LocateReport {
   double seconds = 0;                 ///< of locating all frames
 };
 
-/// Locates the frames and writes located.jsonl, trajectory.txt, located.geojson and overlay/ to `out`.
+/// Locates the frames and writes located.jsonl, located.csv, trajectory.txt, located.geojson and overlay/ to `out`.
 /// Throws Error(invalid_argument) if no frame has a prior, the map does not reach one or no camera is known, and the errors of
 /// the readers.
 LocateReport run_locate(const LocateRun& run, const Progress& progress);
