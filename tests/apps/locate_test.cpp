@@ -1,6 +1,8 @@
 // iclk locate as a user runs it, on GeoTIFF files made here.
 #include <nlohmann/json.hpp>
 
+#include <iclk/session/io/distortion.h>
+
 #include "locate_fixture.h"
 
 namespace iclk::test {
@@ -56,6 +58,49 @@ TEST_F(Locate, PicturesThatAreNotFoundAreNotClaimed) {
   const auto table = lines_of(csv);
   ASSERT_GE(table.size(), 2u);
   EXPECT_EQ(split_cells(table[1]).size(), split_cells(table[0]).size()) << table[1];
+}
+
+TEST_F(Locate, PixelsLieOnTheGround) {
+  const Folder folder;
+  // A picture with a lens: what the pinhole sees at its pixels, the camera has elsewhere.
+  const std::string lens = "radtan:-0.1,0.02,0.001,-0.001,0";
+  TerrainRenderer renderer(device(), terrain_, {.samples = 3});
+  const View view = renderer.render(kCamera, truth_[0], Lens(parse_distortion(lens)));
+  cv::Mat bgr;
+  cv::cvtColor(cv::Mat(240, 320, CV_8UC4, const_cast<uint32_t*>(view.rgba.data())), bgr, cv::COLOR_RGBA2BGR);
+  std::filesystem::create_directories(folder.path("frames"));
+  cv::imwrite(folder.path("frames/0.png"), bgr);
+  const std::vector<cv::Point> pixels = {{160, 120}, {20, 30}, {300, 200}};
+  std::string csv = "u,image,v\n";
+  for (const cv::Point& p : pixels) csv += fmt::format("{},dir/0.png,{}\n", p.x, p.y);
+  const std::string out = folder.path("out"), asked = folder.write("pixels.csv", csv + "5000,0.png,3\n9,other.png,9\n");
+  const auto ask = [&](const std::string& file) {
+    return locate_on_map(folder.path("frames"), out,
+                         {"--camera", "300,300,159.5,119.5", "--distortion", lens, "--prior-sigma", "4,3", "--prior",
+                          priors(folder, "image,x,y,z,yaw,pitch,roll"), "--pixels", file, "--elevation-sigma", "0.5"});
+  };
+  const Finished f = ask(asked);
+  ASSERT_EQ(f.code, 0) << f.out << f.err;
+  EXPECT_NE(f.out.find("ground     3 of 5 pixels"), std::string::npos) << f.out;
+  const std::string table = bytes_of(out + "/ground.csv");
+  const auto lines = lines_of(table);
+  ASSERT_GE(lines.size(), 6u);
+  for (size_t i = 0; i < pixels.size(); ++i) {
+    const auto cells = split_cells(lines[i + 1]);
+    ASSERT_EQ(cells.size(), 12u) << lines[i + 1];
+    const auto& p = pixels[i];
+    const double z = view.depth[static_cast<size_t>(p.y) * 320 + static_cast<size_t>(p.x)];
+    const Eigen::Vector3d ray = kCamera.ray(*pinhole_pixel(kCamera, Lens(parse_distortion(lens)), {p.x, p.y}));
+    const Eigen::Vector3d X = truth_[0] * Eigen::Vector3d(z * ray);
+    for (int k = 0; k < 3; ++k) EXPECT_NEAR(*to_number(cells[static_cast<size_t>(5 + k)]), X[k], 0.3) << lines[i + 1];
+    EXPECT_GT(*to_number(cells[11]), 0.2);
+    EXPECT_GE(*to_number(cells[8]), *to_number(cells[9]));
+  }
+  EXPECT_EQ(lines[4], "0.png,5000,3,,,,,,,,,");
+  EXPECT_EQ(ask(folder.write("x.csv", "image,u\n0.png,1\n")).code, 3);
+  const Finished bad = ask(folder.write("y.csv", "image,u,v\n0.png,1,two\n"));
+  EXPECT_NE(bad.err.find("y.csv:2:"), std::string::npos) << bad.err;
+  EXPECT_EQ(ask(folder.write("z.csv", "image,u,v\nother.png,1,2\n")).code, 3);
 }
 
 TEST_F(Locate, BadInputIsSaid) {

@@ -40,6 +40,10 @@ const char* const kLocateFooter =
     "for\n"
     "QGIS, if the map has a system of coordinates) and overlay/ (map red, picture cyan: grey where they agree).\n"
     "\n"
+    "--pixels adds ground.csv: image,u,v,lat,lon,x,y,z and standard deviations, m: sigma_major, sigma_minor, sigma_z, with "
+    "the\n"
+    "azimuth of the major axis, degrees from north.\n"
+    "\n"
     "Examples:\n"
     "  iclk locate frames --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior poses.csv --out located\n"
     "  iclk locate a.jpg --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior poses.csv --prior-sigma 3,2 --out a\n"
@@ -82,6 +86,7 @@ std::string report_text(const LocateReport& report, const std::string& out) {
     text += "\n";
   }
   text += fmt::format("\nlocated    {} of {} frames, {:.0f} ms per frame\n", located, ms.size(), median(ms));
+  if (report.pixels > 0) text += fmt::format("ground     {} of {} pixels\n", report.pixels_on_ground, report.pixels);
   return text + "written    located.jsonl, located.csv, trajectory.txt and overlay/ in " + out + "\n";
 }
 
@@ -152,6 +157,14 @@ void add_locate(CLI::App& app, int& exit) {
                   "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   sub->option_defaults()->group("Output");
   sub->add_option("--out", run.out, "Folder for the results")->required()->type_name("DIR")->check(not_empty);
+  sub->add_option("--pixels", run.pixels,
+                  "CSV with image, u and v, in pixels of the pictures as they are: ground.csv gets their places on the ground")
+      ->type_name("FILE")
+      ->check(not_empty);
+  sub->add_option("--elevation-sigma", run.elevation_sigma,
+                  "Standard deviation of the map's heights, for --pixels; default: a quarter of their spacing")
+      ->type_name("METRES")
+      ->check(CLI::NonNegativeNumber);
   sub->footer(kLocateFooter + exit_codes_help("0 at least one frame was located, 14 none"));
   sub->callback([o, &exit] { run_locate_command(*o, exit); });
 }

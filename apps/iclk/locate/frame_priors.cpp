@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
 #include <unordered_map>
 
 #include <spdlog/spdlog.h>
@@ -18,18 +17,16 @@ namespace {
 constexpr double kSameTime = 1e-3;  // s
 constexpr std::array<const char*, 3> kZeros = {"the zero of the map", "the ground of the map", "the ellipsoid"};
 
-std::string file_name(const std::string& path) { return std::filesystem::path(path).filename().string(); }
-
 /// The priors of a file, by the names or the times of frames.
 class PriorList {
  public:
   explicit PriorList(std::vector<FramePrior> priors) : priors_(std::move(priors)) {
     for (const FramePrior& prior : priors_)
-      if (!prior.image.empty()) named_.emplace(file_name(prior.image), &prior);
+      if (!prior.image.empty()) named_.emplace(frame_name(prior.image), &prior);
   }
 
   const LocatePrior* of(const LocateFrame& frame) const {
-    if (const auto found = named_.find(file_name(frame.image)); found != named_.end()) return &found->second->prior;
+    if (const auto found = named_.find(frame_name(frame.image)); found != named_.end()) return &found->second->prior;
     if (!named_.empty()) return nullptr;
     const auto at = std::lower_bound(priors_.begin(), priors_.end(), frame.time - kSameTime,
                                      [](const FramePrior& prior, double time) { return prior.time < time; });
@@ -105,8 +102,8 @@ void check_places(const std::vector<LocateFrame>& frames, const GeoMap& map, con
 namespace {
 
 std::optional<double> ground_height(const GeoMap& map, const Eigen::Vector3d& at) {
-  constexpr double near = 1;  // m
-  const auto window = map.window({at.x() - near, at.y() - near, at.x() + near, at.y() + near}, near);
+  constexpr double near = 100;  // m
+  const auto window = map.window({at.x() - near, at.y() - near, at.x() + near, at.y() + near}, near / 10);
   return window ? window->height_at(at.x(), at.y()) : std::nullopt;
 }
 

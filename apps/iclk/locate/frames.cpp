@@ -11,6 +11,8 @@ namespace iclk {
 
 namespace fs = std::filesystem;
 
+std::string frame_name(const std::string& image) { return fs::path(image).filename().string(); }
+
 std::vector<LocateFrame> list_frames(const std::vector<std::string>& given) {
   std::vector<LocateFrame> frames;
   if (given.size() == 1 && fs::exists(fs::path(given[0]) / "rgb.txt")) {
@@ -26,7 +28,7 @@ std::vector<LocateFrame> list_frames(const std::vector<std::string>& given) {
   if (frames.empty()) refuse(given[0] + ": has no image");
   std::map<std::string, std::string> paths;  // priors and overlays go by the names of files
   for (const LocateFrame& frame : frames)
-    if (const auto [other, fresh] = paths.emplace(fs::path(frame.image).filename(), frame.image); !fresh)
+    if (const auto [other, fresh] = paths.emplace(frame_name(frame.image), frame.image); !fresh)
       refuse(frame.image + " and " + other->second + " have the same name; locate them in two runs");
   return frames;
 }

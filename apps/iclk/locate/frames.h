@@ -13,6 +13,9 @@ struct LocateFrame {
   LocatePrior prior;
 };
 
+/// The name by which priors, pixels and overlays find a frame: that of its file.
+std::string frame_name(const std::string& image);
+
 /// The pictures of files, folders of images, or one recording with rgb.txt, without priors. Throws Error(io), and
 /// Error(invalid_argument) if there is none or two have one name.
 std::vector<LocateFrame> list_frames(const std::vector<std::string>& given);

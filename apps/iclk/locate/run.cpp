@@ -12,6 +12,7 @@
 #include "apps/iclk/io/undistorter.h"
 #include "apps/iclk/locate/frame_priors.h"
 #include "apps/iclk/locate/frames.h"
+#include "apps/iclk/locate/pixels.h"
 
 namespace iclk {
 namespace {
@@ -24,7 +25,7 @@ LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, Locato
   cv::Mat image = load_image(frame.image);
   result.camera = fit_camera(*run.camera, image.cols, image.rows);
   Levels{image}.apply(image);
-  const Distortion& distortion = run.distortion ? *run.distortion : run.camera->distortion;
+  const Distortion& distortion = run.lens();
   cv::Mat seen;  // not the border of the undistorted image
   if (!distortion.empty()) {
     const Undistorter lens(result.camera, distortion);
@@ -41,10 +42,23 @@ LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, Locato
   return result;
 }
 
+/// Writes where the pixels lie that `run.pixels` asks for.
+void write_ground(const LocateRun& run, const std::vector<PixelQuery>& pixels, const MapSystem& system, double spacing,
+                  Locator& locator, LocateReport& report) {
+  GroundOptions options;
+  options.distortion = run.lens();
+  options.elevation_sigma = run.elevation_sigma.value_or(spacing / 4);
+  options.view = [&](const Camera& camera, const SE3& T_WC) { return locator.view(camera, T_WC); };
+  report.pixels = static_cast<int>(pixels.size());
+  const std::string lines = ground_csv(pixels, report.frames, system, options, report.pixels_on_ground);
+  write_file((fs::path(run.out) / "ground.csv").string(), lines);
+}
+
 }  // namespace
 
 LocateReport run_locate(const LocateRun& given, const Progress& progress) {
   LocateRun run = given;
+  const std::vector<PixelQuery> pixels = run.pixels.empty() ? std::vector<PixelQuery>() : load_pixels(run.pixels);
   const auto map = std::make_shared<const GeoMap>(run.ortho, run.elevation);
   const MapSystem& system = map->system();
   LocateReport report;
@@ -68,6 +82,7 @@ LocateReport run_locate(const LocateRun& given, const Progress& progress) {
   write("located.csv", located_csv(report.frames, system));
   write("trajectory.txt", located_tum(report.frames));
   if (system.on_earth()) write("located.geojson", located_geojson(report.frames, system));
+  if (!pixels.empty()) write_ground(run, pixels, system, std::max(map->relief.step_x, map->relief.step_y), locator, report);
   return report;
 }
 
