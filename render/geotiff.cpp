@@ -200,6 +200,7 @@ GeoMap::~GeoMap() = default;
 
 const MapSystem& GeoMap::system() const { return impl_->system; }
 MapBox GeoMap::extent() const { return impl_->extent; }
+double GeoMap::spacing() const { return std::max(impl_->elevation.grid().step_x, impl_->elevation.grid().step_y); }
 
 std::shared_ptr<const Terrain> GeoMap::window(const MapBox& wanted, double texel) const {
   const MapBox box = wanted.intersection(impl_->extent);

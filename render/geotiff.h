@@ -50,6 +50,7 @@ class GeoMap : public TerrainSource {
 
   const MapSystem& system() const;
   MapBox extent() const override;
+  double spacing() const;  ///< m between heights, the larger of both directions
   /// At most 2^23 pixels of the mosaic and 2^21 heights: 140 MB with their pyramids. GDAL keeps up to 64 MB of the files'
   /// blocks (GDAL_CACHEMAX). Throws Error(io); Error(invalid_argument) for impossible heights.
   std::shared_ptr<const Terrain> window(const MapBox& box, double texel) const override;

@@ -82,7 +82,7 @@ LocateReport run_locate(const LocateRun& given, const Progress& progress) {
   write("located.csv", located_csv(report.frames, system));
   write("trajectory.txt", located_tum(report.frames));
   if (system.on_earth()) write("located.geojson", located_geojson(report.frames, system));
-  if (!pixels.empty()) write_ground(run, pixels, system, std::max(map->relief.step_x, map->relief.step_y), locator, report);
+  if (!pixels.empty()) write_ground(run, pixels, system, map->spacing(), locator, report);
   return report;
 }
 
