@@ -77,4 +77,13 @@ NewArray<double> to_array(const std::vector<double>& values) { return to_array(v
 NewArray<float> to_array(std::vector<float>&& values, std::vector<size_t> shape) { return moved(std::move(values), shape); }
 NewArray<uint8_t> to_array(std::vector<uint8_t>&& values, std::vector<size_t> shape) { return moved(std::move(values), shape); }
 
+std::tuple<NewArray<uint8_t>, NewArray<float>> to_arrays(const View& view) {
+  const auto width = static_cast<size_t>(view.width), height = static_cast<size_t>(view.height);
+  std::vector<uint8_t> rgb;
+  rgb.reserve(3 * view.rgba.size());
+  for (const uint32_t texel : view.rgba)
+    for (const int shift : {0, 8, 16}) rgb.push_back(static_cast<uint8_t>(texel >> shift));
+  return {to_array(std::move(rgb), {height, width, 3}), to_array(std::vector<float>(view.depth), {height, width})};
+}
+
 }  // namespace iclk::python

@@ -10,6 +10,7 @@
 #include <iclk/align/features.h>
 #include <iclk/align/image.h>
 #include <iclk/align/se3.h>
+#include <iclk/render/renderer.h>
 
 namespace iclk::python {
 
@@ -34,6 +35,9 @@ NewArray<double> to_array(const std::vector<double>& values);
 NewArray<double> to_array(const double* values, std::vector<size_t> shape);
 NewArray<float> to_array(std::vector<float>&& values, std::vector<size_t> shape);
 NewArray<uint8_t> to_array(std::vector<uint8_t>&& values, std::vector<size_t> shape);
+
+/// H x W x 3 and H x W metres.
+std::tuple<NewArray<uint8_t>, NewArray<float>> to_arrays(const View& view);
 
 template <int Rows, int Columns>
 NewArray<double> to_array(const Eigen::Matrix<double, Rows, Columns>& m) {

@@ -25,15 +25,6 @@ namespace {
 /// H x W x 3 and H x W metres.
 using Arrays = std::tuple<NewArray<uint8_t>, NewArray<float>>;
 
-Arrays to_arrays(const View& view) {
-  const auto width = static_cast<size_t>(view.width), height = static_cast<size_t>(view.height);
-  std::vector<uint8_t> rgb;
-  rgb.reserve(3 * view.rgba.size());
-  for (const uint32_t texel : view.rgba)
-    for (const int shift : {0, 8, 16}) rgb.push_back(static_cast<uint8_t>(texel >> shift));
-  return {to_array(std::move(rgb), {height, width, 3}), to_array(std::vector<float>(view.depth), {height, width})};
-}
-
 /// iclk._core.Terrain.
 class BoundTerrain {
  public:

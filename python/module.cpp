@@ -55,6 +55,7 @@ NB_MODULE(_core, m) {
   bind_aligner(m);
   bind_tracker(m);
   bind_depth(m);
+  bind_locate(m);
   bind_readers(m);
   bind_render(m);
   m.def("_finish", [] {

@@ -14,6 +14,7 @@ from ._core import version as __version__
 from ._depth import DepthMap, depth_map
 from ._devices import Device, devices
 from ._errors import Error, InvalidArgument
+from ._locate import Located, Map
 from ._models import model_info
 from ._render import RenderedPair, Terrain
 from ._results import Alignment, Attempt, Rival, Stage, Status
@@ -28,6 +29,8 @@ __all__ = [
     "Device",
     "Error",
     "InvalidArgument",
+    "Located",
+    "Map",
     "Options",
     "Pair",
     "RenderedPair",

@@ -115,3 +115,64 @@ def test_terrain_gives_pairs_with_truth() -> None:
         terrain.render(np.eye(4), K, width, height)
     with pytest.raises(ValueError, match="cpu"):
         iclk.Terrain(device="cpu")
+
+
+def make_map(step: float = 0.5, side: float = 160.0) -> tuple[np.ndarray, np.ndarray, tuple[float, ...], tuple[float, ...]]:
+    """A smooth random picture over hills; the heights are coarser."""
+    random = np.random.default_rng(3)
+    count = int(side / step)
+    picture = np.zeros((count, count, 3))
+    for cells in (12, 30, 70):
+        noise = random.uniform(-1, 1, (cells, cells, 3))
+        rows = np.linspace(0, cells - 1.001, count)
+        whole, part = rows.astype(int), (rows % 1)[:, None]
+        along = noise[whole] * (1 - part[..., None]) + noise[np.minimum(whole + 1, cells - 1)] * part[..., None]
+        picture += along[:, whole] * (1 - part[None]) + along[:, np.minimum(whole + 1, cells - 1)] * part[None]
+    y, x = np.mgrid[side - 1 : 0 : -2, 1:side:2]
+    heights = 20 + 5 * np.sin(x / 17) * np.cos(y / 23)
+    left, top = 500000.0, 5300000.0
+    return (
+        np.clip(128 + 50 * picture, 0, 255).astype(np.uint8),
+        heights,
+        (left, step, 0, top, 0, -step),
+        (left, 2, 0, top, 0, -2),
+    )
+
+
+def above(east: float, north: float, height: float) -> np.ndarray:
+    """Looking straight down, north up."""
+    T = np.diag([1.0, -1.0, -1.0, 1.0])
+    T[:3, 3] = 500000 + east, 5300000 - 160 + north, height
+    return T
+
+
+@needs_vulkan
+def test_a_picture_is_located_on_a_map() -> None:
+    ortho, heights, place, heights_place = make_map()
+    m = iclk.Map(ortho, heights, place, heights_place, model="classical")
+    K, truth = (300, 300, 159.5, 119.5), above(80, 75, 70)
+    image, depth = m.view(truth, K, 320, 240)
+    assert image.shape == (240, 320, 3) and abs(depth[120, 160] - 50) < 6
+    prior = truth.copy()
+    prior[:3, 3] += 3, -4, 2
+    located = m.locate(image, K, prior, sigma=(4, 2))
+    assert located.converged, located.reason
+    assert np.linalg.norm(located.position - truth[:3, 3]) < 0.1
+    assert located.covariance.shape == (6, 6) and np.all(np.diag(located.covariance) > 0)
+    X, C = m.ground(located, K, 320, 240, [[159.5, 119.5], [20, 30]])
+    assert np.linalg.norm(X[0, :2] - truth[:2, 3]) < 0.2 and C.shape == (2, 3, 3) and C[0, 0, 0] > 0
+    assert not m.locate(image[::-1, ::-1].copy(), K, prior, sigma=(1, 1)).converged
+    with pytest.raises(ValueError, match="not located"):
+        m.ground(m.locate(np.zeros((240, 320), np.uint8), K, prior, sigma=(1, 1)), K, 320, 240, [[1, 1]])
+
+
+def test_a_map_that_cannot_be_is_refused() -> None:
+    ortho, heights, place, heights_place = make_map(side=40)
+    with pytest.raises(ValueError, match="north up"):
+        iclk.Map(ortho, heights, (0, 1, 0.1, 0, 0, -1), heights_place)
+    with pytest.raises(ValueError, match="six numbers"):
+        iclk.Map(ortho, heights)
+    with pytest.raises(ValueError, match="uint8"):
+        iclk.Map(ortho.astype(float), heights, place, heights_place)
+    with pytest.raises(ValueError, match="lavapipe"):
+        iclk.Map(ortho, heights, place, heights_place, device="cpu")
