@@ -10,8 +10,9 @@ namespace {
 
 TEST_F(Locate, FindsPicturesAndWritesWhatItSays) {
   const Folder folder;
-  const std::string out = folder.path("out");
+  std::string out;
   for (const char* header : {"image,lat,lon,z,yaw,pitch,roll", "image,x,y,z,omega,phi,kappa"}) {
+    out = folder.path(header);
     const Finished f = locate(priors(folder, header), out);
     ASSERT_EQ(f.code, 0) << f.err;
     EXPECT_NE(f.out.find("located    3 of 3"), std::string::npos) << f.out;

@@ -19,7 +19,7 @@ namespace {
 
 struct LocateCommand {
   LocateRun run;
-  std::string camera, distortion, sigma = "10,5";
+  std::string camera, distortion, sigma = "10,5", shard = "0/1";
   std::string altitude = "map", model = default_model();
 };
 
@@ -39,6 +39,9 @@ const char* const kLocateFooter =
     "footprints "
     "for\n"
     "QGIS, if the map has a system of coordinates) and overlay/ (map red, picture cyan: grey where they agree).\n"
+    "\n"
+    "located.jsonl grows with every frame. The same command continues a run that was stopped. Frames of a video are named\n"
+    "video.mp4#000123.\n"
     "\n"
     "--pixels adds ground.csv: image,u,v,lat,lon,x,y,z and standard deviations, m: sigma_major, sigma_minor, sigma_z, with "
     "the\n"
@@ -66,6 +69,7 @@ LocateRun prepared(const LocateCommand& command) {
       static_cast<Altitude>(std::find(kAltitudes.begin(), kAltitudes.end(), command.altitude) - kAltitudes.begin());
   if ((priors.altitude == Altitude::ellipsoid) != priors.geoid.has_value())
     refuse("--altitude ellipsoid needs --geoid, the height of the geoid above the ellipsoid there, and only it takes --geoid");
+  run.shard = parse_shard(command.shard);
   run.locator.session.model = command.model;
   run.locator.session.device = run.device;
   return run;
@@ -75,10 +79,12 @@ std::string report_text(const LocateReport& report, const std::string& out) {
   std::string text;
   std::vector<double> ms;
   size_t located = 0;
-  for (const LocatedFrame& f : report.frames) {
+  for (size_t i = 0; i < report.frames.size(); ++i) {
+    const LocatedFrame& f = report.frames[i];
     const Located& l = f.located;
     located += l.converged();
     ms.push_back(f.ms);
+    if (i < static_cast<size_t>(report.before)) continue;
     text += fmt::format("{}  {}", f.image, name(l.status));
     if (l.converged())
       text += fmt::format("  x {:.2f}  y {:.2f}  z {:.2f} m, 1 sigma {:.2f} m", l.T_WC.t.x(), l.T_WC.t.y(), l.T_WC.t.z(),
@@ -86,12 +92,17 @@ std::string report_text(const LocateReport& report, const std::string& out) {
     text += "\n";
   }
   text += fmt::format("\nlocated    {} of {} frames, {:.0f} ms per frame\n", located, ms.size(), median(ms));
+  if (report.before > 0) text += fmt::format("continued  {} frames are of earlier runs\n", report.before);
   if (report.pixels > 0) text += fmt::format("ground     {} of {} pixels\n", report.pixels_on_ground, report.pixels);
   return text + "written    located.jsonl, located.csv, trajectory.txt and overlay/ in " + out + "\n";
 }
 
 void run_locate_command(const LocateCommand& command, int& exit) {
-  const LocateReport report = run_locate(prepared(command), terminal_progress());
+  ProgressBar bar;
+  const LocateReport report = run_locate(prepared(command), [&](const ProgressState& state) { bar.show(state); });
+  bar.clear();
+  if (!report.unreadable.empty())
+    spdlog::warn("{} frames cannot be read; {}", report.unreadable.size(), report.unreadable.front());
   if (!report.left_out.empty())
     spdlog::warn("{} frames without a prior were left out; {}", report.left_out.size(), report.left_out.front());
   print(report_text(report, command.run.out));
@@ -106,10 +117,14 @@ void add_locate(CLI::App& app, int& exit) {
   CLI::App* sub = app.add_subcommand("locate", "Find where pictures were taken, on an orthophoto with elevation");
   auto o = std::make_shared<LocateCommand>();
   LocateRun& run = o->run;
-  sub->add_option("FRAMES", run.frames, "Images, a folder of images, or a recording with rgb.txt")
+  sub->add_option("FRAMES", run.frames, "Images, a folder of images, a recording with rgb.txt, or a video")
       ->required()
       ->check(not_empty)
       ->type_name("PATH ...");
+  sub->add_option("--every", run.every, "Locate every N-th frame only")->capture_default_str()->check(CLI::PositiveNumber);
+  sub->add_option("--shard", o->shard,
+                  "k/n: only every n-th frame, starting with the k-th (from 0, k < n); each shard needs its own --out")
+      ->capture_default_str();
   sub->option_defaults()->group("Map and camera");
   sub->add_option("--ortho", run.ortho, "Orthophoto: GeoTIFF, 8 bit, grey or RGB")
       ->required()
@@ -157,6 +172,7 @@ void add_locate(CLI::App& app, int& exit) {
                   "Vulkan device: index, part of its name or UUID; default: ICLK_DEVICE, else the best");
   sub->option_defaults()->group("Output");
   sub->add_option("--out", run.out, "Folder for the results")->required()->type_name("DIR")->check(not_empty);
+  sub->add_flag("--fresh", run.fresh, "Begin anew instead of continuing what is in --out");
   sub->add_option("--pixels", run.pixels,
                   "CSV with image, u and v, in pixels of the pictures as they are: ground.csv gets their places on the ground")
       ->type_name("FILE")

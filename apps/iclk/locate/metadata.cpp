@@ -173,7 +173,6 @@ void find_attitude(const Tags& exif, const Tags& xmp, PictureMetadata& found) {
 /// DJI's "date;fx,fy,cx,cy,k1,k2,p1,p2,k3", the centre against the middle of the picture.
 void find_camera(const std::string& path, const Tags& xmp, int columns, int rows, PictureMetadata& found) {
   const std::string data = tag(xmp, "DewarpData"), flag = tag(xmp, "DewarpFlag");
-  found.no_camera = "it has no calibration of its camera (DewarpData)";
   if (data.find(';') == std::string::npos) return;
   std::vector<double> k;
   for (const std::string& cell : split_cells(data.substr(data.find(';') + 1))) k.push_back(number_of(cell).value_or(NAN));

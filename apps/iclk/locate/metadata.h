@@ -17,7 +17,9 @@ struct PictureMetadata {
   std::optional<CameraFile> camera;        ///< the maker's calibration of this very camera
   bool ellipsoid = false;                  ///< EXIF states that `altitude` counts from the ellipsoid
   std::string lat_lon_from, altitude_from, height_from, attitude_from;
-  std::string no_place, no_attitude, no_camera;  ///< why there is none, such as "its GPS position is 0, 0"
+  std::string no_place, no_attitude,
+      no_camera =
+          "it has no calibration of its camera (DewarpData)";  ///< why there is none, such as "its GPS position is 0, 0"
 };
 
 /// Never throws for what the file states, or does not: values that cannot be true are left out. Namespaces of XMP are known by

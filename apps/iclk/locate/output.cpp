@@ -5,6 +5,7 @@
 #include <fmt/format.h>
 #include <opencv2/imgproc.hpp>
 
+#include <iclk/engine/error.h>
 #include <iclk/session/io/pose_text.h>
 
 #include "apps/iclk/common/angles.h"
@@ -39,6 +40,13 @@ Json coordinates(const MapSystem& map, const Eigen::Vector3d& X) {
   return at ? Json{at->y(), at->x(), X.z()} : Json();
 }
 
+/// Throws Error(invalid_argument) for another word.
+Status status_of(const std::string& word) {
+  for (int i = 0; i <= static_cast<int>(Status::ambiguous); ++i)
+    if (word == name(static_cast<Status>(i))) return static_cast<Status>(i);
+  throw Error(ErrorCode::invalid_argument, "'" + word + "' is no status");
+}
+
 std::string text(const Json& json) { return json.dump(-1, ' ', false, Json::error_handler_t::replace) + "\n"; }
 
 }  // namespace
@@ -48,6 +56,8 @@ std::string located_json(const LocatedFrame& frame, const MapSystem& map) {
   Json line = {{"schema", kLocatedSchema}, {"image", frame.image},   {"time", frame.time},
                {"status", name(l.status)}, {"reason", l.reason},     {"hypotheses", l.hypotheses},
                {"rounds", l.rounds},       {"ms", number(frame.ms)}, {"model", l.model}};
+  const Camera& c = frame.camera;
+  line["camera"] = {number(c.fx), number(c.fy), number(c.cx), number(c.cy), c.width, c.height};
   if (l.converged()) {
     line["position"] = vector_json(l.T_WC.t);
     if (const auto at = map.lat_lon(l.T_WC.t.x(), l.T_WC.t.y())) line["lat_lon"] = {at->x(), at->y()};
@@ -59,12 +69,40 @@ std::string located_json(const LocatedFrame& frame, const MapSystem& map) {
     line["inliers"] = l.inliers;
     line["visible"] = l.visible;
     line["sigma_px"] = number(l.sigma);
+    line["footprint"] = Json::array();
+    for (const Eigen::Vector3d& X : frame.footprint) line["footprint"].push_back(vector_json(X));
   }
   if (!l.rivals.empty()) {
     line["rivals"] = Json::array();
     for (const SE3& rival : l.rivals) line["rivals"].push_back(tum_line(rival));
   }
   return text(line);
+}
+
+std::optional<LocatedFrame> parse_located_json(std::string_view text) {
+  const Json line = parse_json(text);
+  LocatedFrame frame;
+  Located& l = frame.located;
+  try {
+    frame.image = line.at("image"), frame.time = line.at("time"), frame.ms = line.at("ms");
+    const Json& c = line.at("camera");
+    frame.camera = {c.at(0), c.at(1), c.at(2), c.at(3), c.at(4), c.at(5)};
+    l.status = status_of(line.at("status").get<std::string>());
+    l.reason = line.at("reason"), l.model = line.at("model");
+    l.hypotheses = line.at("hypotheses"), l.rounds = line.at("rounds");
+    if (line.contains("rivals"))
+      for (const Json& rival : line["rivals"]) l.rivals.push_back(parse_pose(rival.get<std::string>(), "rivals"));
+    if (!l.converged()) return frame;
+    l.T_WC = parse_pose(line.at("T_WC").get<std::string>(), "T_WC");
+    for (int i = 0; i < 36; ++i)
+      l.covariance(i / 6, i % 6) = line.at("covariance").at(static_cast<size_t>(i / 6)).at(static_cast<size_t>(i % 6));
+    l.inliers = line.at("inliers"), l.visible = line.at("visible"), l.sigma = line.at("sigma_px");
+    for (const Json& X : line.at("footprint")) frame.footprint.emplace_back(X.at(0), X.at(1), X.at(2));
+    return frame;
+  } catch (const Json::exception&) {
+  } catch (const Error&) {
+  }
+  return std::nullopt;
 }
 
 std::string csv_cell(const std::string& text) {

@@ -1,6 +1,9 @@
 #pragma once
+#include <optional>
 #include <span>
 #include <string>
+#include <string_view>
+#include <vector>
 
 #include <opencv2/core.hpp>
 
@@ -23,6 +26,8 @@ struct LocatedFrame {
 
 /// A line of located.jsonl (docs/schema/located-1.json).
 std::string located_json(const LocatedFrame& frame, const MapSystem& map);
+/// What located_json() wrote. Nothing for another text.
+std::optional<LocatedFrame> parse_located_json(std::string_view text);
 /// "time tx ty tz qx qy qz qw" of the pictures that were located.
 std::string located_tum(std::span<const LocatedFrame> frames);
 /// A header and a line per picture; cells that have no value are empty.

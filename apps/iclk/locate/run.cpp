@@ -1,28 +1,74 @@
 #include "apps/iclk/locate/run.h"
 
+#include <algorithm>
 #include <cmath>
 #include <filesystem>
+
+#include <spdlog/spdlog.h>
 
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/session/device.h>
 #include <iclk/session/io/output.h>
 
+#include "apps/iclk/common/refuse.h"
+#include "apps/iclk/common/version.h"
 #include "apps/iclk/io/images.h"
 #include "apps/iclk/io/levels.h"
 #include "apps/iclk/io/undistorter.h"
 #include "apps/iclk/locate/frame_priors.h"
 #include "apps/iclk/locate/frames.h"
+#include "apps/iclk/locate/journal.h"
 #include "apps/iclk/locate/pixels.h"
+#include "apps/json/json.h"
 
 namespace iclk {
 namespace {
 
 namespace fs = std::filesystem;
 
-LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, Locator& locator) {
+/// Every `every`-th frame, and of these those of the shard.
+std::vector<LocateFrame> selected(const std::vector<LocateFrame>& all, const LocateRun& run) {
+  std::vector<LocateFrame> frames;
+  const size_t every = static_cast<size_t>(run.every), k = static_cast<size_t>(run.shard.k);
+  for (size_t i = every * k; i < all.size(); i += every * static_cast<size_t>(run.shard.n)) frames.push_back(all[i]);
+  if (frames.empty())
+    refuse("there are " + std::to_string(all.size()) + " frames, none of which is in --every " + std::to_string(run.every) +
+           " --shard " + std::to_string(run.shard.k) + "/" + std::to_string(run.shard.n));
+  return frames;
+}
+
+std::string absolute(const std::string& path) { return fs::absolute(path).lexically_normal().string(); }
+
+/// The results depend on these. The names are those of the command line.
+nlohmann::ordered_json options_of(const LocateRun& run) {
+  const Camera& c = run.camera->camera;
+  const PriorOptions& p = run.priors;
+  const auto optional = [](const std::optional<double>& value) { return value ? number(*value) : nlohmann::ordered_json(); };
+  nlohmann::ordered_json frames = nlohmann::ordered_json::array();
+  for (const std::string& path : run.frames) frames.push_back(absolute(path));
+  const bool file = fs::is_regular_file(p.source);
+  return {{"version", version()},
+          {"FRAMES", frames},
+          {"--every", run.every},
+          {"--ortho", absolute(run.ortho)},
+          {"--elevation", absolute(run.elevation)},
+          {"--camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
+          {"--distortion", distortion_text(run.lens())},
+          {"--prior", file ? absolute(p.source) : p.source},
+          {"content of --prior", file ? hash_of(read_file(p.source)) : ""},
+          {"--heading", optional(p.heading)},
+          {"--pitch", optional(p.pitch)},
+          {"--altitude", static_cast<int>(p.altitude)},
+          {"--geoid", optional(p.geoid)},
+          {"--prior-sigma", {p.sigmas.position, p.sigmas.angle}},
+          {"--height-sigma", optional(p.sigmas.height)},
+          {"--heading-sigma", optional(p.sigmas.heading)},
+          {"--model", run.locator.session.model}};
+}
+
+LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, cv::Mat image, Locator& locator) {
   LocatedFrame result;
   result.image = frame.image, result.time = frame.time;
-  cv::Mat image = load_image(frame.image);
   result.camera = fit_camera(*run.camera, image.cols, image.rows);
   Levels{image}.apply(image);
   const Distortion& distortion = run.lens();
@@ -37,9 +83,44 @@ LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, Locato
   if (!result.located.converged()) return result;
   const View map = locator.view(result.camera, result.located.T_WC);
   result.footprint = footprint_of(map, result.camera, result.located.T_WC);
-  const fs::path file = fs::path(run.out) / "overlay" / fs::path(frame.image).filename().replace_extension(".png");
-  write_file(file.string(), encode_png(located_overlay(map, image, result.camera)));
+  write_file((fs::path(run.out) / "overlay" / frame.overlay).string(), encode_png(located_overlay(map, image, result.camera)));
   return result;
+}
+
+/// Locates the frames that have no line yet.
+void locate_all(const LocateRun& run, const std::vector<LocateFrame>& frames, LocateFrames& pictures, const MapSystem& system,
+                Locator& locator, LocatedJournal& journal, const std::function<void(const ProgressState&)>& progress,
+                LocateReport& report) {
+  ProgressState state{.unit = "frames", .bad = "not located"};
+  state.total = static_cast<int>(frames.size());
+  for (const LocateFrame& frame : frames) state.before += journal.has(frame.image);
+  report.before = static_cast<int>(journal.frames().size());
+  const internal::Stopwatch time;
+  std::optional<Error> unreadable;
+  for (const LocateFrame& frame : frames) {
+    if (journal.has(frame.image)) continue;
+    cv::Mat image;
+    try {
+      image = pictures.read(frame);
+    } catch (const Error& e) {
+      unreadable = e;
+      report.unreadable.push_back(e.what());
+    }
+    if (!image.empty()) journal.add(locate_frame(run, frame, image, locator), system);
+    state.failed += image.empty() || !journal.frames().back().located.converged();
+    state.done += 1, state.seconds = 1e-3 * time.ms();
+    progress(state);
+  }
+  report.frames = journal.frames();
+  if (report.frames.empty() && unreadable) throw *unreadable;
+}
+
+void write_results(const LocateRun& run, const MapSystem& system, std::vector<LocatedFrame> frames) {
+  std::stable_sort(frames.begin(), frames.end(), [](const auto& a, const auto& b) { return a.time < b.time; });
+  const auto write = [&](const char* name, const std::string& text) { write_file((fs::path(run.out) / name).string(), text); };
+  write("located.csv", located_csv(frames, system));
+  write("trajectory.txt", located_tum(frames));
+  if (system.on_earth()) write("located.geojson", located_geojson(frames, system));
 }
 
 /// Writes where the pixels lie that `run.pixels` asks for.
@@ -56,32 +137,24 @@ void write_ground(const LocateRun& run, const std::vector<PixelQuery>& pixels, c
 
 }  // namespace
 
-LocateReport run_locate(const LocateRun& given, const Progress& progress) {
+LocateReport run_locate(const LocateRun& given, const std::function<void(const ProgressState&)>& progress) {
   LocateRun run = given;
   const std::vector<PixelQuery> pixels = run.pixels.empty() ? std::vector<PixelQuery>() : load_pixels(run.pixels);
   const auto map = std::make_shared<const GeoMap>(run.ortho, run.elevation);
   const MapSystem& system = map->system();
   LocateReport report;
+  LocateFrames pictures(run.frames);
+  if (!pictures.problem().empty()) spdlog::warn("{}", pictures.problem());
   std::optional<CameraFile> camera = run.camera;
-  std::vector<LocateFrame> frames = with_priors(list_frames(run.frames), run, system, camera, report.left_out);
+  std::vector<LocateFrame> frames = with_priors(selected(pictures.all(), run), run, system, camera, report.left_out);
   run.camera = camera;
   check_places(frames, *map, run);
   count_heights_as_map(frames, *map, run, report.left_out);
   make_output_folder((fs::path(run.out) / "overlay").string());
   Locator locator(open_device(run.device), map, run.locator);
-  const internal::Stopwatch time;
-  std::string lines;
-  for (const LocateFrame& frame : frames) {
-    if (progress) progress("locating", static_cast<int>(report.frames.size()), static_cast<int>(frames.size()));
-    report.frames.push_back(locate_frame(run, frame, locator));
-    lines += located_json(report.frames.back(), system);
-  }
-  report.seconds = 1e-3 * time.ms();
-  const auto write = [&](const char* name, const std::string& text) { write_file((fs::path(run.out) / name).string(), text); };
-  write("located.jsonl", lines);
-  write("located.csv", located_csv(report.frames, system));
-  write("trajectory.txt", located_tum(report.frames));
-  if (system.on_earth()) write("located.geojson", located_geojson(report.frames, system));
+  LocatedJournal journal(run.out, options_of(run), run.fresh);
+  locate_all(run, frames, pictures, system, locator, journal, progress, report);
+  write_results(run, system, report.frames);
   if (!pixels.empty()) write_ground(run, pixels, system, map->spacing(), locator, report);
   return report;
 }

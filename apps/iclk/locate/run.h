@@ -1,4 +1,5 @@
 #pragma once
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -9,11 +10,15 @@
 #include "apps/iclk/common/progress.h"
 #include "apps/iclk/locate/output.h"
 #include "apps/iclk/locate/priors.h"
+#include "apps/json/manifest.h"
 
 namespace iclk {
 
 struct LocateRun {
-  std::vector<std::string> frames;  ///< images, or one folder: of images, or a recording with rgb.txt, whose times count
+  std::vector<std::string> frames;  ///< images and folders of images, a recording with rgb.txt, or a video
+  int every = 1;                    ///< only each such frame
+  Shard shard;                      ///< of these
+  bool fresh = false;               ///< begins anew in `out`, whatever is there
   std::string ortho, elevation, out;
   PriorOptions priors;
   std::optional<CameraFile> camera;      ///< none: the calibration that the pictures state
@@ -28,16 +33,18 @@ struct LocateRun {
 };
 
 struct LocateReport {
-  std::vector<LocatedFrame> frames;
-  std::vector<std::string> left_out;  ///< "a.jpg: it has no GPS position": frames without a prior
+  std::vector<LocatedFrame> frames;     ///< in the order in which they were finished
+  int before = 0;                       ///< the first so many are of earlier runs
+  std::vector<std::string> left_out;    ///< "a.jpg: it has no GPS position": frames without a prior
+  std::vector<std::string> unreadable;  ///< why, of frames that have no line therefore
   int pixels = 0, pixels_on_ground = 0;
   double seconds = 0;  ///< of locating all frames
 };
 
-/// Locates the frames and writes located.jsonl, located.csv, trajectory.txt, located.geojson, ground.csv and overlay/ to
-/// `out`.
-/// Throws Error(invalid_argument) if no frame has a prior, the map does not reach one or no camera is known, and the errors of
-/// the readers.
-LocateReport run_locate(const LocateRun& run, const Progress& progress);
+/// Locates the frames that have no line in located.jsonl of `out`, and adds one for each. Then writes located.csv,
+/// trajectory.txt, located.geojson and ground.csv of all lines; overlay/ grows meanwhile. Throws Error(invalid_argument) if no
+/// frame has a prior, the map does not reach one or no camera is known; the errors of the readers, LocatedJournal and
+/// load_pixels(); that of a picture that cannot be read only if none can.
+LocateReport run_locate(const LocateRun& run, const std::function<void(const ProgressState&)>& progress);
 
 }  // namespace iclk

@@ -1,9 +1,5 @@
 #include "apps/iclk/track/journal.h"
 
-#include <fcntl.h>
-#include <sys/file.h>
-#include <unistd.h>
-
 #include <algorithm>
 #include <cerrno>
 #include <cstring>
@@ -41,16 +37,6 @@ std::ofstream open_at(const std::string& path, uint64_t size) {
 }
 
 }  // namespace
-
-FileLock::FileLock(const std::string& path, const std::string& held)
-    : file_(::open(path.c_str(), O_RDWR | O_CREAT | O_CLOEXEC, 0644)) {
-  if (file_ < 0) throw Error(ErrorCode::io, path + ": cannot be written: " + std::strerror(errno));
-  if (::flock(file_, LOCK_EX | LOCK_NB) == 0 || errno != EWOULDBLOCK) return;
-  ::close(file_);
-  throw Error(ErrorCode::io, path + ": " + held);
-}
-
-FileLock::~FileLock() { ::close(file_); }
 
 Journal::Journal(const std::string& folder, nlohmann::ordered_json options, bool fresh, Tracker& tracker)
     : options_(std::move(options)) {

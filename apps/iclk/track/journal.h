@@ -9,22 +9,10 @@
 
 #include <iclk/track/tracker.h>
 
+#include "apps/iclk/common/file_lock.h"
 #include "apps/iclk/track/run.h"
 
 namespace iclk {
-
-/// An open file that no other process holds, until it goes.
-class FileLock {
- public:
-  /// Makes the file where there is none. Throws Error(io), for another process that holds it with `held`.
-  FileLock(const std::string& path, const std::string& held);
-  ~FileLock();
-  FileLock(const FileLock&) = delete;
-  FileLock& operator=(const FileLock&) = delete;
-
- private:
-  int file_ = -1;
-};
 
 /// What a run has written so far: live.txt and frames.jsonl, which grow with every frame, and now and then all that its tracker
 /// knows, from which a killed run goes on. Locked against a second run. With an empty folder nothing is written.
