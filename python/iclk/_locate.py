@@ -107,7 +107,7 @@ class Map:
         return Located(**self._core.locate(_arrays.image(image, "image"), _arrays.intrinsics(K), where, sigmas, hidden))
 
     def view(self, T_WC: Any, K: Any, width: int, height: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
-        """Renders the map from a pose: H x W x 3 uint8 RGB, and H x W metres along the optical axis, 0 where it has no ground."""
+        """Renders the map from a pose: H x W x 3 uint8 RGB, and H x W metres along the optical axis, 0 without ground."""
         rgb, depth = self._core.view(_arrays.pose(T_WC, "T_WC"), _arrays.intrinsics(K), width, height)
         return rgb, depth
 
@@ -116,8 +116,8 @@ class Map:
     ) -> tuple[Floats, Floats]:
         """Places on the ground that pixels of a located picture show: N x 3 (m) and their covariances, N x 3 x 3.
 
-        uv: N x 2 pixels of the undistorted picture. elevation_sigma: standard deviation of the heights, m; default: a quarter of
-        their spacing. NaN where the map has no ground. Raises ValueError unless the picture was located.
+        uv: N x 2 pixels of the undistorted picture. elevation_sigma: standard deviation of the heights, m; default: a quarter
+        of their spacing. NaN where the map has no ground. Raises ValueError unless the picture was located.
         """
         if not located.converged:
             raise _arrays.refuse(f"the picture was not located: {located.status}")
