@@ -54,8 +54,6 @@ const char* const kLocateFooter =
     "  iclk locate a.jpg --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior 47.85,15.01,620 --out c\n"
     "\n";
 
-const std::vector<std::string> kAltitudes = {"map", "ground", "ellipsoid"};  // by Altitude
-
 LocateRun prepared(const LocateCommand& command) {
   LocateRun run = command.run;
   if (!command.camera.empty()) run.camera = load_camera(command.camera);
@@ -101,8 +99,7 @@ void run_locate_command(const LocateCommand& command, int& exit) {
   ProgressBar bar;
   const LocateReport report = run_locate(prepared(command), [&](const ProgressState& state) { bar.show(state); });
   bar.clear();
-  if (!report.unreadable.empty())
-    spdlog::warn("{} frames cannot be read; {}", report.unreadable.size(), report.unreadable.front());
+  if (!report.failed.empty()) spdlog::warn("{} frames failed; {}", report.failed.size(), report.failed.front());
   if (!report.left_out.empty())
     spdlog::warn("{} frames without a prior were left out; {}", report.left_out.size(), report.left_out.front());
   print(report_text(report, command.run.out));
@@ -154,7 +151,7 @@ void add_locate(CLI::App& app, int& exit) {
       ->type_name("DEGREES");
   sub->add_option("--altitude", o->altitude,
                   "What heights of priors count from: map, as the elevation; ground, below the camera; ellipsoid")
-      ->check(CLI::IsMember(kAltitudes))
+      ->check(CLI::IsMember(std::vector<std::string>(kAltitudes.begin(), kAltitudes.end())))
       ->capture_default_str();
   sub->add_option("--geoid", priors.geoid, "For --altitude ellipsoid: height of the geoid above the ellipsoid there")
       ->type_name("METRES");

@@ -1,4 +1,5 @@
 #pragma once
+#include <array>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,6 +23,7 @@ struct PriorSigmas {
 
 /// What the height of a prior counts from.
 enum class Altitude { map, ground, ellipsoid };
+inline constexpr std::array<const char*, 3> kAltitudes = {"map", "ground", "ellipsoid"};  // by Altitude
 
 /// Where priors come from.
 struct PriorOptions {

@@ -10,6 +10,7 @@
 #include <iclk/session/device.h>
 #include <iclk/session/io/output.h>
 
+#include "apps/iclk/batch/run.h"
 #include "apps/iclk/common/refuse.h"
 #include "apps/iclk/common/version.h"
 #include "apps/iclk/io/images.h"
@@ -58,7 +59,7 @@ nlohmann::ordered_json options_of(const LocateRun& run) {
           {"content of --prior", file ? hash_of(read_file(p.source)) : ""},
           {"--heading", optional(p.heading)},
           {"--pitch", optional(p.pitch)},
-          {"--altitude", static_cast<int>(p.altitude)},
+          {"--altitude", kAltitudes[static_cast<size_t>(p.altitude)]},
           {"--geoid", optional(p.geoid)},
           {"--prior-sigma", {p.sigmas.position, p.sigmas.angle}},
           {"--height-sigma", optional(p.sigmas.height)},
@@ -66,7 +67,9 @@ nlohmann::ordered_json options_of(const LocateRun& run) {
           {"--model", run.locator.session.model}};
 }
 
-LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, cv::Mat image, Locator& locator) {
+/// `overlay`: PNG bytes, if the picture is located.
+LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, cv::Mat image, Locator& locator,
+                          std::string& overlay) {
   LocatedFrame result;
   result.image = frame.image, result.time = frame.time;
   result.camera = fit_camera(*run.camera, image.cols, image.rows);
@@ -83,7 +86,7 @@ LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, cv::Ma
   if (!result.located.converged()) return result;
   const View map = locator.view(result.camera, result.located.T_WC);
   result.footprint = footprint_of(map, result.camera, result.located.T_WC);
-  write_file((fs::path(run.out) / "overlay" / frame.overlay).string(), encode_png(located_overlay(map, image, result.camera)));
+  overlay = encode_png(located_overlay(map, image, result.camera));
   return result;
 }
 
@@ -96,23 +99,26 @@ void locate_all(const LocateRun& run, const std::vector<LocateFrame>& frames, Lo
   for (const LocateFrame& frame : frames) state.before += journal.has(frame.image);
   report.before = static_cast<int>(journal.frames().size());
   const internal::Stopwatch time;
-  std::optional<Error> unreadable;
+  std::optional<Error> last;
   for (const LocateFrame& frame : frames) {
     if (journal.has(frame.image)) continue;
-    cv::Mat image;
+    std::optional<LocatedFrame> result;
+    std::string overlay;
     try {
-      image = pictures.read(frame);
+      result = locate_frame(run, frame, pictures.read(frame), locator, overlay);
     } catch (const Error& e) {
-      unreadable = e;
-      report.unreadable.push_back(e.what());
+      if (ends_the_run(e.code())) throw;
+      last = e;
+      report.failed.push_back(frame.image + ": " + e.what());
     }
-    if (!image.empty()) journal.add(locate_frame(run, frame, image, locator), system);
-    state.failed += image.empty() || !journal.frames().back().located.converged();
+    if (!overlay.empty()) write_file((fs::path(run.out) / "overlay" / frame.overlay).string(), overlay);
+    if (result) journal.add(*result, system);
+    state.failed += !result || !result->located.converged();
     state.done += 1, state.seconds = 1e-3 * time.ms();
     progress(state);
   }
   report.frames = journal.frames();
-  if (report.frames.empty() && unreadable) throw *unreadable;
+  if (report.frames.empty() && last) throw *last;
 }
 
 void write_results(const LocateRun& run, const MapSystem& system, std::vector<LocatedFrame> frames) {

@@ -33,10 +33,10 @@ struct LocateRun {
 };
 
 struct LocateReport {
-  std::vector<LocatedFrame> frames;     ///< in the order in which they were finished
-  int before = 0;                       ///< the first so many are of earlier runs
-  std::vector<std::string> left_out;    ///< "a.jpg: it has no GPS position": frames without a prior
-  std::vector<std::string> unreadable;  ///< why, of frames that have no line therefore
+  std::vector<LocatedFrame> frames;   ///< in the order in which they were finished
+  int before = 0;                     ///< the first so many are of earlier runs
+  std::vector<std::string> left_out;  ///< "a.jpg: it has no GPS position": frames without a prior
+  std::vector<std::string> failed;    ///< "a.jpg: damaged": frames that cannot be read or have an impossible prior; no line
   int pixels = 0, pixels_on_ground = 0;
   double seconds = 0;  ///< of locating all frames
 };
@@ -44,7 +44,7 @@ struct LocateReport {
 /// Locates the frames that have no line in located.jsonl of `out`, and adds one for each. Then writes located.csv,
 /// trajectory.txt, located.geojson and ground.csv of all lines; overlay/ grows meanwhile. Throws Error(invalid_argument) if no
 /// frame has a prior, the map does not reach one or no camera is known; the errors of the readers, LocatedJournal and
-/// load_pixels(); that of a picture that cannot be read only if none can.
+/// load_pixels(); the error of a frame only if there is no line.
 LocateReport run_locate(const LocateRun& run, const std::function<void(const ProgressState&)>& progress);
 
 }  // namespace iclk
