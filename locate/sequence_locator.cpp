@@ -29,7 +29,7 @@ SessionOptions tracking_options(SessionOptions options) {
   return options;
 }
 
-TrackerOptions tracker_options(const SequenceOptions& options) {
+TrackerOptions tracker_options(const SequenceLocatorOptions& options) {
   TrackerOptions tracker;
   tracker.depth_sigma = {.relative = kDepthSigma};
   tracker.masks = options.masks;
@@ -43,7 +43,7 @@ double mean_depth(const View& view) {
 
 }  // namespace
 
-void SequenceOptions::check() const {
+void SequenceLocatorOptions::check() const {
   const auto refuse = [](const char* what) { throw Error(ErrorCode::invalid_argument, what); };
   if (anchors < 1) refuse("anchors must be at least 1");
   if (!(drift >= 0 && drift < 1)) refuse("drift must be 0 to 1");
@@ -53,7 +53,7 @@ void SequenceOptions::check() const {
 struct SequenceLocator::Impl {
   Locator& locator;
   Camera camera;
-  SequenceOptions options;
+  SequenceLocatorOptions options;
   Session session;
   Tracker tracker;
   internal::PoseGraph graph;
@@ -62,7 +62,7 @@ struct SequenceLocator::Impl {
   std::optional<LocatePrior> prior;  // the last that was given
   double distance = INFINITY;        // m to the ground, of the last located frame
 
-  Impl(Locator& l, const Camera& c, const SequenceOptions& o)
+  Impl(Locator& l, const Camera& c, const SequenceLocatorOptions& o)
       : locator(l),
         camera(c),
         options(o),
@@ -99,9 +99,10 @@ std::optional<LocatePrior> SequenceLocator::Impl::predicted(double time) const {
     speed = step.t.norm() / took;
   }
   prior.T_WC = prior.T_WC * motion;
-  const double far = kSwerve * motion.t.norm() + (last + 1 < graph.size() ? kLostGrowth * speed * since : 0);
-  const double turn =
-      kSwerve * motion.angle() + (last + 1 < graph.size() ? kSwerve * (graph.size() - 1 - last) * kLeastTurn : 0);
+  const bool lost = last + 1 < graph.size();
+  double far = kSwerve * motion.t.norm() + (lost ? kLostGrowth * speed * since : 0);
+  double turn = kSwerve * motion.angle() + (lost ? kSwerve * (graph.size() - 1 - last) * kLeastTurn : 0);
+  if (speed == 0 && this->prior) far = this->prior->position_sigma, turn = this->prior->tilt_sigma;
   prior.position_sigma += far, prior.height_sigma += far;
   prior.tilt_sigma = std::min(prior.tilt_sigma + turn, 0.3);
   prior.heading_sigma = std::min(prior.heading_sigma + 2 * turn, M_PI);
@@ -167,7 +168,7 @@ SequencePose SequenceLocator::Impl::locate(const LocatorFrame& frame) {
   return pose;
 }
 
-SequenceLocator::SequenceLocator(Locator& locator, const Camera& camera, const SequenceOptions& options) {
+SequenceLocator::SequenceLocator(Locator& locator, const Camera& camera, const SequenceLocatorOptions& options) {
   options.check();
   impl_ = std::make_unique<Impl>(locator, camera, options);
 }

@@ -11,7 +11,7 @@ namespace iclk {
 struct LocatorFrame {
   double time = 0;  ///< s; later than the previous frame
   ImageView image;  ///< undistorted, of the camera's size
-  ImageView mask;   ///< r8; pixels that are 0 are not used. May be empty; needs SequenceOptions::masks
+  ImageView mask;   ///< r8; pixels that are 0 are not used. May be empty; needs SequenceLocatorOptions::masks
   /// Where the frame may be, for frames whose predecessors are not known. Without one, the last known prior is used.
   std::optional<LocatePrior> prior;
 };
@@ -25,7 +25,7 @@ struct SequencePose {
   Matrix6d covariance = Matrix6d::Zero();  ///< of xi = [rho, phi] in T_WC = mean Exp(xi), in the camera's frame
 };
 
-struct SequenceOptions {
+struct SequenceLocatorOptions {
   bool masks = false;        ///< frames may have masks
   int anchors = 10;          ///< located frames back to which live poses are adjusted
   double drift = 0.003;      ///< of the way: standard deviation that is added to each motion, for what its frames share
@@ -42,7 +42,7 @@ struct SequenceOptions {
 class SequenceLocator {
  public:
   /// `locator` must outlive it. Throws the errors of Session and Tracker, and Error(invalid_argument) for bad options.
-  SequenceLocator(Locator& locator, const Camera& camera, const SequenceOptions& options = {});
+  SequenceLocator(Locator& locator, const Camera& camera, const SequenceLocatorOptions& options = {});
   ~SequenceLocator();
 
   /// The next frame, with its live pose. Throws Error(invalid_argument) for a time that is not later, for a first frame without

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <deque>
-#include <map>
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
@@ -97,22 +96,24 @@ std::vector<int> PoseGraph::connect(const std::vector<int>& frames) {
 void PoseGraph::solve(int first, int last) {
   const std::vector<int> frames = connect(involved(first));
   if (frames.empty()) return;
-  std::map<int, PoseBlock> blocks;
-  PoseBlock map = to_block(SE3());
+  // Ceres orders parameters by address: in one array, equal graphs give equal bits.
+  std::vector<PoseBlock> blocks;
+  std::vector<int> slots(nodes_.size(), -1);
+  for (const int i : frames)
+    slots[static_cast<size_t>(i)] = static_cast<int>(blocks.size()), blocks.push_back(to_block(node(i).T_WC));
+  blocks.push_back(to_block(SE3()));  // the map
+  const auto slot = [&](int i) { return slots[static_cast<size_t>(i)]; };
+  const auto block = [&](int i) { return blocks[static_cast<size_t>(slot(i))].data(); };
   ceres::Problem problem;
-  problem.AddParameterBlock(map.data(), 12, new PoseManifold);
-  problem.SetParameterBlockConstant(map.data());
-  for (const int i : frames) {
-    blocks[i] = to_block(node(i).T_WC);
-    problem.AddParameterBlock(blocks[i].data(), 12, new PoseManifold);
-  }
+  for (PoseBlock& b : blocks) problem.AddParameterBlock(b.data(), 12, new PoseManifold);
+  problem.SetParameterBlockConstant(blocks.back().data());
   const auto add = [&](const BundleEdge& edge, double* to) {
-    problem.AddResidualBlock(new EdgeCost(edge), new ceres::CauchyLoss(kLoss), blocks[edge.from].data(), to);
+    problem.AddResidualBlock(new EdgeCost(edge), new ceres::CauchyLoss(kLoss), block(edge.from), to);
   };
   for (const int i : frames) {
-    if (node(i).anchor) add(*node(i).anchor, map.data());
+    if (node(i).anchor) add(*node(i).anchor, blocks.back().data());
     for (const size_t e : node(i).edges)
-      if (edges_[e].to == i && blocks.contains(edges_[e].from)) add(edges_[e], blocks[i].data());
+      if (edges_[e].to == i && slot(edges_[e].from) >= 0) add(edges_[e], block(i));
   }
   ceres::Solver::Options options = solver_options(kIterations);
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
@@ -124,15 +125,14 @@ void PoseGraph::solve(int first, int last) {
   ceres::Covariance covariance(how);
   std::vector<std::pair<const double*, const double*>> wanted;
   for (const int i : frames)
-    if (i >= last) wanted.emplace_back(blocks[i].data(), blocks[i].data());
+    if (i >= last) wanted.emplace_back(block(i), block(i));
   const bool certain = !wanted.empty() && covariance.Compute(wanted, &problem);
   for (const int i : frames) {
     Node& n = nodes_[static_cast<size_t>(i)];
-    n.T_WC = to_pose(blocks[i].data());
+    n.T_WC = to_pose(block(i));
     n.T_WC.orthonormalize();
     Eigen::Matrix<double, 6, 6, Eigen::RowMajor> C;
-    if (certain && i >= last && covariance.GetCovarianceBlockInTangentSpace(blocks[i].data(), blocks[i].data(), C.data()))
-      n.covariance = C;
+    if (certain && i >= last && covariance.GetCovarianceBlockInTangentSpace(block(i), block(i), C.data())) n.covariance = C;
   }
 }
 

@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 #include <opencv2/videoio.hpp>
 
+#include "apps/iclk/locate/output.h"
 #include "locate_fixture.h"
 
 namespace iclk::test {
@@ -47,6 +48,38 @@ TEST_F(LocateLong, AStoppedRunGoesOn) {
   EXPECT_EQ(results(lines()), expected);
   EXPECT_EQ(bytes_of(out_ + "/located.csv"), table);
   expect_lines_of("located-1.json", out_ + "/located.jsonl");
+}
+
+TEST_F(LocateLong, ASequenceNeedsOnePriorOnly) {
+  const std::string text = bytes_of(prior_);
+  prior_ = work_.write("first.csv", text.substr(0, text.find('\n', text.find('\n') + 1) + 1));
+  EXPECT_EQ(go().code, 0);
+  EXPECT_EQ(results(lines()).size(), 1u);
+  const Finished f = go({"--sequence", "--fresh"});
+  ASSERT_EQ(f.code, 0) << f.err;
+  EXPECT_NE(f.out.find("located    3 of 3"), std::string::npos) << f.out << f.err;
+  expect_lines_of("located-1.json", out_ + "/located.jsonl");
+  const auto poses = load_trajectory(out_ + "/trajectory.txt");
+  ASSERT_EQ(poses.size(), 3u);
+  for (size_t i = 0; i < 3; ++i) EXPECT_LT((poses[i].T_wc.t - truth_[i].t).norm(), 0.1);
+  const auto expected = results(lines());
+  ASSERT_EQ(go({"--sequence"}).code, 0);
+  EXPECT_EQ(results(lines()), expected) << "begun anew, to the same bits";
+  EXPECT_EQ(go({"--sequence", "--shard", "0/2"}).code, 3);
+}
+
+TEST_F(LocateLong, ATrackedFrameHasAPose) {
+  LocatedFrame frame;
+  frame.image = "a.png", frame.camera = kCamera, frame.tracked = true;
+  frame.located.status = Status::low_overlap, frame.located.reason = "the map shows too little";
+  frame.located.T_WC = truth_[0], frame.located.covariance = Matrix6d::Identity();
+  const MapSystem map(folder_->path("ortho.tif"));
+  const std::string line = located_json(frame, map);
+  expect_lines_of("located-1.json", work_.write("line.jsonl", line));
+  const auto back = parse_located_json(line.substr(0, line.size() - 1));
+  ASSERT_TRUE(back && back->tracked && back->has_pose());
+  EXPECT_LT((back->located.T_WC.t - truth_[0].t).norm(), 1e-6);
+  EXPECT_NE(located_csv(std::span(&frame, 1), map).find(",tracked,47."), std::string::npos);
 }
 
 TEST_F(LocateLong, OtherOptionsAreRefused) {

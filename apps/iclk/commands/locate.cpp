@@ -68,6 +68,7 @@ LocateRun prepared(const LocateCommand& command) {
   if ((priors.altitude == Altitude::ellipsoid) != priors.geoid.has_value())
     refuse("--altitude ellipsoid needs --geoid, the height of the geoid above the ellipsoid there, and only it takes --geoid");
   run.shard = parse_shard(command.shard);
+  if (run.sequence && run.shard.n > 1) refuse("--sequence needs all frames: leave out --shard " + command.shard);
   run.locator.session.model = command.model;
   run.locator.session.device = run.device;
   return run;
@@ -76,20 +77,21 @@ LocateRun prepared(const LocateCommand& command) {
 std::string report_text(const LocateReport& report, const std::string& out) {
   std::string text;
   std::vector<double> ms;
-  size_t located = 0;
+  size_t located = 0, tracked = 0;
   for (size_t i = 0; i < report.frames.size(); ++i) {
     const LocatedFrame& f = report.frames[i];
     const Located& l = f.located;
-    located += l.converged();
+    located += l.converged(), tracked += f.tracked;
     ms.push_back(f.ms);
     if (i < static_cast<size_t>(report.before)) continue;
-    text += fmt::format("{}  {}", f.image, name(l.status));
-    if (l.converged())
+    text += fmt::format("{}  {}", f.image, f.status());
+    if (f.has_pose())
       text += fmt::format("  x {:.2f}  y {:.2f}  z {:.2f} m, 1 sigma {:.2f} m", l.T_WC.t.x(), l.T_WC.t.y(), l.T_WC.t.z(),
                           std::sqrt(l.covariance.topLeftCorner<3, 3>().trace()));
     text += "\n";
   }
   text += fmt::format("\nlocated    {} of {} frames, {:.0f} ms per frame\n", located, ms.size(), median(ms));
+  if (tracked > 0) text += fmt::format("tracked    {} frames, by the motion between frames\n", tracked);
   if (report.before > 0) text += fmt::format("continued  {} frames are of earlier runs\n", report.before);
   if (report.pixels > 0) text += fmt::format("ground     {} of {} pixels\n", report.pixels_on_ground, report.pixels);
   return text + "written    located.jsonl, located.csv, trajectory.txt and overlay/ in " + out + "\n";
@@ -119,6 +121,8 @@ void add_locate(CLI::App& app, int& exit) {
       ->check(not_empty)
       ->type_name("PATH ...");
   sub->add_option("--every", run.every, "Locate every N-th frame only")->capture_default_str()->check(CLI::PositiveNumber);
+  sub->add_flag("--sequence", run.sequence,
+                "Frames follow each other: a frame that the map does not show gets its pose from the motion between frames");
   sub->add_option("--shard", o->shard,
                   "k/n: only every n-th frame, starting with the k-th (from 0, k < n); each shard needs its own --out")
       ->capture_default_str();

@@ -71,6 +71,8 @@ std::vector<LocateFrame> with_priors(const std::vector<LocateFrame>& frames, con
     std::string why = "it has no pose in " + run.priors.source;
     std::optional<LocatePrior> prior = stated ? stated_prior(metadata, run.priors, map, why) : first;
     if (const LocatePrior* own = list.of(frame)) prior = *own;
+    frame.follows = run.sequence && !chosen.empty() && (first || !prior);
+    if (!prior && frame.follows) prior = chosen.back().prior;
     if (!prior) {
       left_out.push_back(frame.image + ": " + why);
       continue;
@@ -112,7 +114,8 @@ std::optional<double> ground_height(const GeoMap& map, const Eigen::Vector3d& at
 void count_heights_as_map(std::vector<LocateFrame>& frames, const GeoMap& map, const LocateRun& run,
                           std::vector<std::string>& left_out) {
   std::erase_if(frames, [&](LocateFrame& f) {
-    if (to_map_height(f.prior, run.priors, ground_height(map, f.prior.T_WC.t))) return false;
+    const bool needed = run.priors.altitude == Altitude::ground;
+    if (to_map_height(f.prior, run.priors, needed ? ground_height(map, f.prior.T_WC.t) : std::nullopt)) return false;
     left_out.push_back(f.image + ": the elevation has no height below it, from which --altitude ground counts");
     return true;
   });

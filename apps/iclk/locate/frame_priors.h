@@ -10,7 +10,8 @@
 
 namespace iclk {
 
-/// Those frames that have a prior, with it; `left_out` gets the others, each with the reason. `camera`: gets the calibration
+/// Those frames that have a prior, with it, and in a sequence all frames after the first that has one; `left_out` gets the
+/// others, each with the reason. `camera`: gets the calibration
 /// that the pictures state if it is empty. Throws Error(invalid_argument) if no frame has a prior or no camera is known, and
 /// the errors of load_priors().
 std::vector<LocateFrame> with_priors(const std::vector<LocateFrame>& frames, const LocateRun& run, const MapSystem& map,

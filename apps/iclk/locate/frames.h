@@ -16,6 +16,7 @@ struct LocateFrame {
   std::string overlay;  ///< the name of its overlay's file
   int index = 0;        ///< in the video
   LocatePrior prior;
+  bool follows = false;  ///< in a sequence: it has no prior of its own, only that of a frame before
 };
 
 /// The name by which priors, pixels and lines find a frame: that of its file.

@@ -60,4 +60,16 @@ void LocatedJournal::add(const LocatedFrame& frame, const MapSystem& map) {
   names_.insert(frame_name(frame.image));
 }
 
+void LocatedJournal::clear() {
+  frames_.clear(), names_.clear();
+  size_ = 0;
+  fs::resize_file(path_, 0);
+}
+
+void LocatedJournal::replace(const std::vector<LocatedFrame>& frames, const MapSystem& map) {
+  std::string lines;
+  for (const LocatedFrame& frame : frames) lines += located_json(frame, map);
+  write_file(path_, lines);
+}
+
 }  // namespace iclk

@@ -26,6 +26,10 @@ class LocatedJournal {
   const std::vector<LocatedFrame>& frames() const { return frames_; }
   bool has(const std::string& image) const;
   void add(const LocatedFrame& frame, const MapSystem& map);
+  /// Takes all lines out.
+  void clear();
+  /// Writes these lines instead, whole or not at all. Nothing can be added afterwards.
+  void replace(const std::vector<LocatedFrame>& frames, const MapSystem& map);
 
  private:
   void restore(const std::string& options_path, const nlohmann::ordered_json& options);

@@ -54,11 +54,11 @@ std::string text(const Json& json) { return json.dump(-1, ' ', false, Json::erro
 std::string located_json(const LocatedFrame& frame, const MapSystem& map) {
   const Located& l = frame.located;
   Json line = {{"schema", kLocatedSchema}, {"image", frame.image},   {"time", frame.time},
-               {"status", name(l.status)}, {"reason", l.reason},     {"hypotheses", l.hypotheses},
+               {"status", frame.status()}, {"reason", l.reason},     {"hypotheses", l.hypotheses},
                {"rounds", l.rounds},       {"ms", number(frame.ms)}, {"model", l.model}};
   const Camera& c = frame.camera;
   line["camera"] = {number(c.fx), number(c.fy), number(c.cx), number(c.cy), c.width, c.height};
-  if (l.converged()) {
+  if (frame.has_pose()) {
     line["position"] = vector_json(l.T_WC.t);
     if (const auto at = map.lat_lon(l.T_WC.t.x(), l.T_WC.t.y())) line["lat_lon"] = {at->x(), at->y()};
     line["yaw_pitch_roll"] = vector_json(yaw_pitch_roll(l.T_WC.R));
@@ -87,12 +87,13 @@ std::optional<LocatedFrame> parse_located_json(std::string_view text) {
     frame.image = line.at("image"), frame.time = line.at("time"), frame.ms = line.at("ms");
     const Json& c = line.at("camera");
     frame.camera = {c.at(0), c.at(1), c.at(2), c.at(3), c.at(4), c.at(5)};
-    l.status = status_of(line.at("status").get<std::string>());
+    frame.tracked = line.at("status") == LocatedFrame::kTracked;
+    if (!frame.tracked) l.status = status_of(line.at("status").get<std::string>());
     l.reason = line.at("reason"), l.model = line.at("model");
     l.hypotheses = line.at("hypotheses"), l.rounds = line.at("rounds");
     if (line.contains("rivals"))
       for (const Json& rival : line["rivals"]) l.rivals.push_back(parse_pose(rival.get<std::string>(), "rivals"));
-    if (!l.converged()) return frame;
+    if (!frame.has_pose()) return frame;
     l.T_WC = parse_pose(line.at("T_WC").get<std::string>(), "T_WC");
     for (int i = 0; i < 36; ++i)
       l.covariance(i / 6, i % 6) = line.at("covariance").at(static_cast<size_t>(i / 6)).at(static_cast<size_t>(i % 6));
@@ -123,8 +124,8 @@ std::string located_csv(std::span<const LocatedFrame> frames, const MapSystem& m
       "image,time,status,lat,lon,x,y,z,yaw,pitch,roll,omega,phi,kappa,sigma_x,sigma_y,sigma_z,sigma_angle,inliers\n";
   for (const LocatedFrame& f : frames) {
     const Located& l = f.located;
-    lines += fmt::format("{},{:.6f},{},", csv_cell(f.image), f.time, name(l.status));
-    if (!l.converged()) {
+    lines += fmt::format("{},{:.6f},{},", csv_cell(f.image), f.time, f.status());
+    if (!f.has_pose()) {
       lines += std::string(15, ',') + "\n";
       continue;
     }
@@ -139,7 +140,7 @@ std::string located_csv(std::span<const LocatedFrame> frames, const MapSystem& m
 std::string located_tum(std::span<const LocatedFrame> frames) {
   std::string lines = "# timestamp tx ty tz qx qy qz qw (camera to map)\n";
   for (const LocatedFrame& f : frames)
-    if (f.located.converged()) lines += fmt::format("{:.6f} {}\n", f.time, tum_line(f.located.T_WC));
+    if (f.has_pose()) lines += fmt::format("{:.6f} {}\n", f.time, tum_line(f.located.T_WC));
   return lines;
 }
 
@@ -147,8 +148,8 @@ std::string located_geojson(std::span<const LocatedFrame> frames, const MapSyste
   if (!map.on_earth()) return "";
   Json features = Json::array();
   for (const LocatedFrame& f : frames) {
-    if (!f.located.converged()) continue;
-    const Json about = {{"image", f.image}, {"time", f.time}, {"sigma", sigma_json(f.located)}};
+    if (!f.has_pose()) continue;
+    const Json about = {{"image", f.image}, {"time", f.time}, {"status", f.status()}, {"sigma", sigma_json(f.located)}};
     features.push_back({{"type", "Feature"},
                         {"geometry", {{"type", "Point"}, {"coordinates", coordinates(map, f.located.T_WC.t)}}},
                         {"properties", about}});

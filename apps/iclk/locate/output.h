@@ -20,15 +20,21 @@ struct LocatedFrame {
   double time = 0;    ///< s; of pictures without times their number
   Camera camera;
   Located located;
+  bool tracked = false;  ///< not located; its pose and covariance follow from the motion between frames (--sequence)
   std::vector<Eigen::Vector3d> footprint;  ///< the ground at the corners of the picture, on the map; empty: unknown
   double ms = 0;
+
+  bool has_pose() const { return located.converged() || tracked; }
+  /// "tracked", or that of `located`.
+  const char* status() const { return tracked ? kTracked : name(located.status); }
+  static constexpr const char* kTracked = "tracked";
 };
 
 /// A line of located.jsonl (docs/schema/located-1.json).
 std::string located_json(const LocatedFrame& frame, const MapSystem& map);
 /// What located_json() wrote. Nothing for another text.
 std::optional<LocatedFrame> parse_located_json(std::string_view text);
-/// "time tx ty tz qx qy qz qw" of the pictures that were located.
+/// "time tx ty tz qx qy qz qw" of the pictures that have a pose.
 std::string located_tum(std::span<const LocatedFrame> frames);
 /// A header and a line per picture; cells that have no value are empty.
 std::string located_csv(std::span<const LocatedFrame> frames, const MapSystem& map);

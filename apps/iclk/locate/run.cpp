@@ -14,11 +14,11 @@
 #include "apps/iclk/common/refuse.h"
 #include "apps/iclk/common/version.h"
 #include "apps/iclk/io/images.h"
-#include "apps/iclk/io/levels.h"
-#include "apps/iclk/io/undistorter.h"
+#include "apps/iclk/locate/chain.h"
 #include "apps/iclk/locate/frame_priors.h"
 #include "apps/iclk/locate/frames.h"
 #include "apps/iclk/locate/journal.h"
+#include "apps/iclk/locate/picture.h"
 #include "apps/iclk/locate/pixels.h"
 #include "apps/json/json.h"
 
@@ -51,6 +51,7 @@ nlohmann::ordered_json options_of(const LocateRun& run) {
   return {{"version", version()},
           {"FRAMES", frames},
           {"--every", run.every},
+          {"--sequence", run.sequence},
           {"--ortho", absolute(run.ortho)},
           {"--elevation", absolute(run.elevation)},
           {"--camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
@@ -68,25 +69,16 @@ nlohmann::ordered_json options_of(const LocateRun& run) {
 }
 
 /// `overlay`: PNG bytes, if the picture is located.
-LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, cv::Mat image, Locator& locator,
+LocatedFrame locate_frame(const LocateRun& run, const LocateFrame& frame, const cv::Mat& image, Locator& locator,
                           std::string& overlay) {
   LocatedFrame result;
   result.image = frame.image, result.time = frame.time;
-  result.camera = fit_camera(*run.camera, image.cols, image.rows);
-  Levels{image}.apply(image);
-  const Distortion& distortion = run.lens();
-  cv::Mat seen;  // not the border of the undistorted image
-  if (!distortion.empty()) {
-    const Undistorter lens(result.camera, distortion);
-    image = lens.image(image), seen = lens.seen();
-  }
+  const LocatePicture picture(run, image);
+  result.camera = picture.camera;
   const internal::Stopwatch time;
-  result.located = locator.locate(view(image), result.camera, frame.prior, view(seen));
+  result.located = locator.locate(view(picture.image), picture.camera, frame.prior, view(picture.seen));
   result.ms = time.ms();
-  if (!result.located.converged()) return result;
-  const View map = locator.view(result.camera, result.located.T_WC);
-  result.footprint = footprint_of(map, result.camera, result.located.T_WC);
-  overlay = encode_png(located_overlay(map, image, result.camera));
+  if (result.located.converged()) overlay = draw_located(picture, locator, result);
   return result;
 }
 
@@ -159,7 +151,10 @@ LocateReport run_locate(const LocateRun& given, const std::function<void(const P
   make_output_folder((fs::path(run.out) / "overlay").string());
   Locator locator(open_device(run.device), map, run.locator);
   LocatedJournal journal(run.out, options_of(run), run.fresh);
-  locate_all(run, frames, pictures, system, locator, journal, progress, report);
+  if (run.sequence)
+    locate_sequence(run, frames, pictures, system, locator, journal, progress, report);
+  else
+    locate_all(run, frames, pictures, system, locator, journal, progress, report);
   write_results(run, system, report.frames);
   if (!pixels.empty()) write_ground(run, pixels, system, map->spacing(), locator, report);
   return report;

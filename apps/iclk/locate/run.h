@@ -18,6 +18,7 @@ struct LocateRun {
   std::vector<std::string> frames;  ///< images and folders of images, a recording with rgb.txt, or a video
   int every = 1;                    ///< only each such frame
   Shard shard;                      ///< of these
+  bool sequence = false;            ///< frames follow each other
   bool fresh = false;               ///< begins anew in `out`, whatever is there
   std::string ortho, elevation, out;
   PriorOptions priors;
