@@ -94,16 +94,19 @@ std::string report_text(const LocateReport& report, const std::string& out) {
   if (tracked > 0) text += fmt::format("tracked    {} frames, by the motion between frames\n", tracked);
   if (report.before > 0) text += fmt::format("continued  {} frames are of earlier runs\n", report.before);
   if (report.pixels > 0) text += fmt::format("ground     {} of {} pixels\n", report.pixels_on_ground, report.pixels);
-  return text + "written    located.jsonl, located.csv, trajectory.txt and overlay/ in " + out + "\n";
+  return text + "written    located.jsonl, located.csv, trajectory.txt" + (report.pixels > 0 ? ", ground.csv" : "") +
+         " and overlay/ in " + out + "\n";
 }
 
 void run_locate_command(const LocateCommand& command, int& exit) {
   ProgressBar bar;
   const LocateReport report = run_locate(prepared(command), [&](const ProgressState& state) { bar.show(state); });
   bar.clear();
-  if (!report.failed.empty()) spdlog::warn("{} frames failed; {}", report.failed.size(), report.failed.front());
-  if (!report.left_out.empty())
-    spdlog::warn("{} frames without a prior were left out; {}", report.left_out.size(), report.left_out.front());
+  const auto warn = [](const char* what, const std::vector<std::string>& frames) {
+    if (!frames.empty()) spdlog::warn("{}: {}; first {}", what, frames.size(), frames.front());
+  };
+  warn("frames that failed", report.failed);
+  warn("frames without a prior, left out", report.left_out);
   print(report_text(report, command.run.out));
   const bool any =
       std::any_of(report.frames.begin(), report.frames.end(), [](const LocatedFrame& f) { return f.located.converged(); });
