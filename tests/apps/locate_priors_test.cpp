@@ -121,6 +121,22 @@ TEST(Metadata, ACameraIsACalibration) {
   EXPECT_FALSE(camera("2018-09-06;70,71"));
 }
 
+TEST(Metadata, NorthIsThatOfThePlace) {
+  const Folder folder;
+  GeoTiff map{{4, 4, 700000, 5300000, 1, 1}, {}, GDT_Byte, 32633};
+  map.band([](double, double) { return 1; }).write(folder.path("map.tif"));
+  const MapSystem system(folder.path("map.tif"));
+  PictureMetadata stated;
+  stated.lat_lon = Eigen::Vector2d(47.85, 17.5), stated.altitude = 500, stated.R_WC = from_yaw_pitch_roll({90, -60, 2});
+  std::string why;
+  const auto prior = stated_prior(stated, {}, system, why);
+  ASSERT_TRUE(prior) << why;
+  // East of the central meridian, 15 degrees, north is to the right of the grid's.
+  const double convergence = (17.5 - 15) * std::sin(47.85 * M_PI / 180);
+  EXPECT_LT((yaw_pitch_roll(prior->T_WC.R) - Eigen::Vector3d(90 - convergence, -60, 2)).norm(), 0.01)
+      << yaw_pitch_roll(prior->T_WC.R).transpose();
+}
+
 class LocatePriors : public Locate {
  protected:
   /// The first frame as a drone writes it; z is what `altitude` states.
@@ -199,6 +215,30 @@ TEST_F(LocatePriors, FromThreeNumbers) {
   found(at(T.t.z() + 1), {"--heading", "3", "--pitch", "-86"});
   found(at(61), {"--altitude", "ground", "--heading", "3"});
   found(at(T.t.z() + 45), {"--altitude", "ellipsoid", "--geoid", "44", "--heading", "3"});
+}
+
+TEST_F(LocatePriors, OnAMapThatIsNowhere) {
+  const Folder folder;
+  GeoTiff ortho{terrain_->mosaic, {}, GDT_Byte}, dem{terrain_->relief, {}, GDT_Float32};
+  for (int c = 0; c < 3; ++c) {
+    ortho.bands.emplace_back();
+    for (const uint32_t p : terrain_->rgba) ortho.bands.back().push_back(p >> 8 * c & 255);
+  }
+  dem.bands.emplace_back(terrain_->height.begin(), terrain_->height.end());
+  ortho.write(folder.path("ortho.tif")), dem.write(folder.path("dem.tif"));
+  write(drone(), folder.path("0.jpg"));
+  const auto located = [&](std::vector<std::string> more) {
+    more.insert(more.begin(), {"locate", folder.path("0.jpg"), "--ortho", folder.path("ortho.tif"), "--elevation",
+                               folder.path("dem.tif"), "--out", folder.path("out")});
+    more.insert(more.end(), kKnown.begin(), kKnown.end());
+    return run(more);
+  };
+  const Eigen::Vector3d t = truth_[0].t + Eigen::Vector3d(2, -2, 1);
+  expect_first(located({"--prior", fmt::format("{},{},{}", t.x(), t.y(), t.z()), "--heading", "2"}), folder.path("out"));
+  EXPECT_FALSE(std::filesystem::exists(folder.path("out/located.geojson")));
+  EXPECT_NE(bytes_of(folder.path("out/located.csv")).find("converged,,,"), std::string::npos);
+  EXPECT_NE(located({"--prior", "47.85,15.0,600"}).err.find("same system"), std::string::npos);
+  EXPECT_NE(located({}).err.find("names no system"), std::string::npos);
 }
 
 TEST_F(LocatePriors, SigmasOfAFrame) {

@@ -97,7 +97,8 @@ std::vector<double> rationals(const Tags& tags, const std::string& name) {
 /// NaN for what is no angle.
 double degrees(const Tags& exif, const std::string& name, const std::string& positive, const std::string& negative) {
   const std::vector<double> parts = rationals(exif, name);
-  const std::string side = tag(exif, name + "Ref");
+  const std::string ref = tag(exif, name + "Ref");
+  const std::string_view side = trim(ref);
   if (parts.size() != 3 || (side != positive && side != negative)) return NAN;
   if (!(parts[0] >= 0 && parts[1] >= 0 && parts[1] <= 60 && parts[2] >= 0 && parts[2] <= 60)) return NAN;
   return (side == negative ? -1 : 1) * (parts[0] + parts[1] / 60 + parts[2] / 3600);

@@ -13,7 +13,7 @@ struct PictureMetadata {
   std::optional<Eigen::Vector2d> lat_lon;  ///< degrees, WGS 84
   std::optional<double> altitude;          ///< m; what it counts from is the maker's choice
   std::optional<double> height;            ///< m, above the ground or the take-off point
-  std::optional<Eigen::Matrix3d> R_WC;     ///< camera to east, north, up
+  std::optional<Eigen::Matrix3d> R_WC;     ///< camera to east, north, up at the place
   std::optional<CameraFile> camera;        ///< the maker's calibration of this very camera
   bool ellipsoid = false;                  ///< EXIF states that `altitude` counts from the ellipsoid
   std::string lat_lon_from, altitude_from, height_from, attitude_from;

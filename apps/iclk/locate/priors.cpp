@@ -32,6 +32,16 @@ Eigen::Matrix3d north() {
 using Columns = std::array<int, 3>;
 constexpr std::array<const char*, 4> kSigmas = {"sigma", "sigma_z", "sigma_angle", "sigma_heading"};
 
+/// Turns from north to the map's y axis at a place: the axis is that of the grid, and only some of its lines lead north.
+Eigen::Matrix3d grid_from_north(const MapSystem& map, const Eigen::Vector2d& lat_lon) {
+  constexpr double kStep = 1e-4;                         // degrees, 11 m
+  const double step = lat_lon.x() > 0 ? -kStep : kStep;  // away from the pole, where there is no north
+  const auto a = map.place(lat_lon.x(), lat_lon.y()), b = map.place(lat_lon.x() + step, lat_lon.y());
+  if (!a || !b) return Eigen::Matrix3d::Identity();
+  const Eigen::Vector2d north = (*b - *a) / step;
+  return Eigen::AngleAxisd(-std::atan2(north.x(), north.y()), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+}
+
 /// The place on the map, or nothing.
 std::optional<Eigen::Vector2d> place_of(const MapSystem& map, double latitude, double longitude) {
   return std::abs(latitude) <= 90 && std::abs(longitude) <= 360 ? map.place(latitude, longitude) : std::nullopt;
@@ -217,12 +227,13 @@ std::optional<LocatePrior> stated_prior(const PictureMetadata& stated, const Pri
   const std::optional<double>& z = ground ? stated.height : stated.altitude;
   const auto place = stated.lat_lon ? place_of(map, stated.lat_lon->x(), stated.lat_lon->y()) : std::nullopt;
   why = !stated.lat_lon ? stated.no_place : !stated.R_WC ? stated.no_attitude : "";
+  if (why.empty() && !map.on_earth()) why = "the map names no system of coordinates, in which its GPS position could lie";
   if (why.empty() && !place) why = "its GPS position is outside of what the map's system covers";
   if (why.empty() && !z) why = ground ? "it has no height above the ground (RelativeAltitude)" : "it has no altitude";
   if (why.empty() && stated.ellipsoid && options.altitude == Altitude::map)
     why = "its altitude counts from the ellipsoid; give --altitude ellipsoid and --geoid";
   if (!why.empty()) return std::nullopt;
-  return options.sigmas.around({*stated.R_WC, {place->x(), place->y(), *z}});
+  return options.sigmas.around({grid_from_north(map, *stated.lat_lon) * *stated.R_WC, {place->x(), place->y(), *z}});
 }
 
 bool to_map_height(LocatePrior& prior, const PriorOptions& options, const std::optional<double>& ground) {
