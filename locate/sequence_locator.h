@@ -28,7 +28,7 @@ struct SequencePose {
 struct SequenceLocatorOptions {
   bool masks = false;        ///< frames may have masks
   int anchors = 10;          ///< located frames back to which live poses are adjusted
-  double drift = 0.003;      ///< of the way: standard deviation that is added to each motion, for what its frames share
+  double drift = 0.002;      ///< of the way: standard deviation that is added to each motion, for what its frames share
   double contradiction = 8;  ///< standard deviations between a pose on the map and the motion; above, the pose is dropped
 
   /// Throws Error(invalid_argument) that names the value and its range.
