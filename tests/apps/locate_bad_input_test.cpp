@@ -94,6 +94,7 @@ TEST_F(LocateBadInput, NumbersThatAreWrong) {
   };
   refused({"--every", "0"}, "--every");
   refused({"--elevation-sigma", "-1"}, "--elevation-sigma");
+  refused({"--elevation-sigma", "nan"}, "--elevation-sigma");
   refused({"--height-sigma", "nan"}, "sigma");
   refused({"--heading-sigma", "-1"}, "sigma");
   refused({"--height-sigma", "1e9"}, "too far");

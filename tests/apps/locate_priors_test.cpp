@@ -278,6 +278,7 @@ TEST_F(LocatePriors, WhatIsNotClearIsRefused) {
   refused({}, "it has no GPS position; give --prior", png);
   refused({"--prior", "500115,5300130,600"}, "no LAT,LON,Z", png);
   refused({"--prior", "47.85,45,600"}, "same system", png);
+  refused({"--prior", "-47.85,15,600"}, "same system", png);
   refused({"--prior", "47.85,15.0,600", "--altitude", "ellipsoid"}, "--geoid", png);
   refused({"--prior", "47.85,15.0,600", "--geoid", "44"}, "--altitude ellipsoid", png);
   refused({"--prior", "47.85,15.0,600", "--altitude", "sea"}, "--altitude", png);

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 
 #include <fmt/format.h>
 #include <spdlog/spdlog.h>
@@ -35,10 +36,9 @@ const char* const kLocateFooter =
     "  LAT,LON,Z: one place for all frames; X,Y,Z if the map has no system of coordinates.\n"
     "Without --prior, EXIF has the position, and the XMP of DJI, Autel, Parrot, senseFly, Sentera or MicaSense the attitude.\n"
     "\n"
-    "--out gets located.jsonl (docs/schema/located-1.json), located.csv, trajectory.txt (TUM), located.geojson (positions and "
-    "footprints "
-    "for\n"
-    "QGIS, if the map has a system of coordinates) and overlay/ (map red, picture cyan: grey where they agree).\n"
+    "--out gets located.jsonl (docs/schema/located-1.json), located.csv, trajectory.txt (TUM), located.geojson (positions and\n"
+    "footprints for QGIS, if the map has a system of coordinates) and overlay/ (map red, picture cyan: grey where they "
+    "agree).\n"
     "\n"
     "located.jsonl grows with every frame. The same command continues a run that was stopped. Frames of a video are named\n"
     "video.mp4#000123.\n"
@@ -69,6 +69,7 @@ LocateRun prepared(const LocateCommand& command) {
     refuse("--altitude ellipsoid needs --geoid, the height of the geoid above the ellipsoid there, and only it takes --geoid");
   run.shard = parse_shard(command.shard);
   if (run.sequence && run.shard.n > 1) refuse("--sequence needs all frames: leave out --shard " + command.shard);
+  if (run.elevation_sigma && !std::isfinite(*run.elevation_sigma)) refuse("--elevation-sigma must be finite");
   run.locator.session.model = command.model;
   run.locator.session.device = run.device;
   return run;

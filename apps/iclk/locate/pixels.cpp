@@ -33,7 +33,7 @@ std::vector<PixelQuery> load_pixels(const std::string& path) {
   for (const std::string_view line : lines_of(text)) {
     ++number;
     if (without_comment(line).empty()) continue;
-    const auto fail = [&](const std::string& why) { refuse(path + ":" + std::to_string(number) + ": " + why); };
+    const auto fail = [&](const std::string& why) { refuse(fmt::format("{}:{}: {}", path, number, why)); };
     const std::vector<std::string> cells = split_cells(line);
     if (count == 0) {
       count = cells.size();
