@@ -129,7 +129,7 @@ TEST_F(LocateBadInput, MapsThatCannotBeUsed) {
   GeoTiff nothing = dem;
   nothing.nodata = "-9999";
   std::fill(nothing.bands[0].begin(), nothing.bands[0].end(), -9999);
-  refused(ortho, nothing, "elevation has no data at any pixel");
+  refused(ortho, nothing, "has no data");
   GeoTiff elsewhere = dem;
   elsewhere.grid.left += 5000;
   refused(ortho, elsewhere, "overlap");
@@ -137,7 +137,7 @@ TEST_F(LocateBadInput, MapsThatCannotBeUsed) {
   black.nodata = "0";
   for (int c = 0; c < 3; ++c) black.bands.emplace_back(terrain_->rgba.size(), 0);
   black.write(work_.path("ortho.tif"));
-  refused(work_.path("ortho.tif"), dem, "mosaic has no data at any pixel");
+  refused(work_.path("ortho.tif"), dem, "has no data");
   // A hole below the picture.
   GeoTiff hole = dem;
   hole.nodata = "-9999";

@@ -88,28 +88,36 @@ std::vector<LocateFrame> with_priors(const std::vector<LocateFrame>& frames, con
          " or another frame; give the names of the files, or their times");
 }
 
-void check_places(const std::vector<LocateFrame>& frames, const GeoMap& map, const LocateRun& run) {
-  const MapBox box = map.extent();
-  for (const LocateFrame& f : frames) {
-    const double reach = run.locator.reach * f.prior.position_sigma + 10 * std::max(box.width(), box.height());
-    const Eigen::Vector3d& t = f.prior.T_WC.t;
-    if (t.x() > box.left - reach && t.x() < box.right + reach && t.y() > box.bottom - reach && t.y() < box.top + reach) return;
-  }
-  const Eigen::Vector3d& t = frames[0].prior.T_WC.t;
-  refuse((run.priors.source.empty() ? frames[0].image : run.priors.source) + ": the first pose is at x " +
-         std::to_string(t.x()) + ", y " + std::to_string(t.y()) + ", the map covers " + box.text() +
-         "; are both in the same system of coordinates?");
-}
-
 namespace {
 
+/// The map around a place, coarsely; null: it has no data there.
+std::shared_ptr<const Terrain> around(const GeoMap& map, const Eigen::Vector3d& at, double metres) {
+  return map.window({at.x() - metres, at.y() - metres, at.x() + metres, at.y() + metres}, metres / 1000);
+}
+
 std::optional<double> ground_height(const GeoMap& map, const Eigen::Vector3d& at) {
-  constexpr double near = 100;  // m
-  const auto window = map.window({at.x() - near, at.y() - near, at.x() + near, at.y() + near}, near / 10);
+  const auto window = around(map, at, 100);
   return window ? window->height_at(at.x(), at.y()) : std::nullopt;
 }
 
 }  // namespace
+
+void check_places(const std::vector<LocateFrame>& frames, const GeoMap& map, const LocateRun& run) {
+  constexpr int kMost = 20;  // places whose data is looked at
+  const MapBox box = map.extent();
+  const Eigen::Vector3d& t = frames[0].prior.T_WC.t;
+  const std::string where = (run.priors.source.empty() ? frames[0].image : run.priors.source) + ": the first pose is at x " +
+                            std::to_string(t.x()) + ", y " + std::to_string(t.y()) + ", ";
+  int on_map = 0;
+  for (const LocateFrame& f : frames) {
+    const double reach = run.locator.reach * f.prior.position_sigma, far = reach + 10 * std::max(box.width(), box.height());
+    const Eigen::Vector3d& at = f.prior.T_WC.t;
+    if (at.x() < box.left - far || at.x() > box.right + far || at.y() < box.bottom - far || at.y() > box.top + far) continue;
+    if (++on_map > kMost || around(map, at, reach + std::max(500.0, std::abs(at.z())))) return;
+  }
+  if (on_map > 0) refuse(where + "where " + run.ortho + " or " + run.elevation + " has no data");
+  refuse(where + "the map covers " + box.text() + "; are both in the same system of coordinates?");
+}
 
 void count_heights_as_map(std::vector<LocateFrame>& frames, const GeoMap& map, const LocateRun& run,
                           std::vector<std::string>& left_out) {
