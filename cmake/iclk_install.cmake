@@ -4,13 +4,17 @@
 include(CMakePackageConfigHelpers)
 set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
 
-install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_rig iclk_session iclk_track EXPORT iclk
+install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_rig iclk_session iclk_track iclk_render iclk_locate EXPORT iclk
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(room engine align depth refine rig session track)
+foreach(room engine align depth refine rig session track render locate)
   file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
-  list(FILTER headers EXCLUDE REGEX "/iclk\\.h$")
+  list(FILTER headers EXCLUDE REGEX "/(iclk|geotiff)\\.h$")
   install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/${room})
 endforeach()
+if(TARGET iclk_geotiff)
+  install(TARGETS iclk_geotiff EXPORT iclk ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+  install(FILES render/geotiff.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/render)
+endif()
 install(FILES session/iclk.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk)
 install(FILES shaders/shared.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders)
 install(FILES shaders/refine/refine.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/shaders/refine)

@@ -8,7 +8,7 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/render/internal/raster.h>
-#include <iclk/render/text.h>
+#include <iclk/render/internal/text.h>
 
 namespace iclk {
 

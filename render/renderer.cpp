@@ -10,8 +10,8 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
-#include <iclk/render/text.h>
-#include <iclk/render/windows.h>
+#include <iclk/render/internal/text.h>
+#include <iclk/render/internal/windows.h>
 
 #include "render.comp.spv.h"
 

@@ -5,7 +5,7 @@
 #include <cmath>
 
 #include <iclk/engine/error.h>
-#include <iclk/render/text.h>
+#include <iclk/render/internal/text.h>
 
 namespace iclk {
 

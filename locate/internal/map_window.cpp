@@ -6,7 +6,7 @@
 
 #include <Eigen/Geometry>
 
-#include <iclk/render/windows.h>
+#include <iclk/render/internal/windows.h>
 
 namespace iclk::internal {
 namespace {

@@ -12,7 +12,7 @@
 #include <gdal_utils.h>
 
 #include <iclk/engine/error.h>
-#include <iclk/render/text.h>
+#include <iclk/render/internal/text.h>
 
 namespace iclk::internal {
 namespace {

@@ -7,7 +7,7 @@
 #include <iclk/align/camera.h>
 #include <iclk/align/lens.h>
 #include <iclk/align/se3.h>
-#include <iclk/render/levels.h>
+#include <iclk/render/internal/levels.h>
 #include <iclk/shaders/render/render.h>
 
 namespace iclk {

@@ -1,4 +1,4 @@
-#include <iclk/render/windows.h>
+#include <iclk/render/internal/windows.h>
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include <iclk/render/levels.h>
+#include <iclk/render/internal/levels.h>
 
 #include <algorithm>
 #include <cmath>
