@@ -4,9 +4,11 @@
 include(CMakePackageConfigHelpers)
 set(ICLK_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/iclk)
 
-install(TARGETS iclk_engine iclk_align iclk_depth iclk_refine iclk_rig iclk_session iclk_track iclk_render iclk_locate EXPORT iclk
+set(ICLK_ROOMS engine align depth refine rig session track render locate)
+list(TRANSFORM ICLK_ROOMS PREPEND iclk_ OUTPUT_VARIABLE libraries)
+install(TARGETS ${libraries} EXPORT iclk
   ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
-foreach(room engine align depth refine rig session track render locate)
+foreach(room ${ICLK_ROOMS})
   file(GLOB headers CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/${room}/*.h)
   list(FILTER headers EXCLUDE REGEX "/(iclk|geotiff)\\.h$")
   install(FILES ${headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/iclk/${room})

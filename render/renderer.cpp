@@ -8,6 +8,7 @@
 
 #include <Eigen/LU>
 
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/error.h>
 #include <iclk/engine/submission.h>
 #include <iclk/render/internal/text.h>

@@ -8,9 +8,14 @@
 #include <iclk/align/image.h>
 #include <iclk/align/lens.h>
 #include <iclk/align/se3.h>
-#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/context.h>
 #include <iclk/render/terrain.h>
+
+namespace iclk::engine {
+class Recorder;
+struct ArenaSize;
+struct Buffer;
+}  // namespace iclk::engine
 
 namespace iclk {
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include <iclk/align/device_aligner.h>
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/result.h>
 #include <iclk/refine/device_refiner.h>
 #include <iclk/render/procedural.h>

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <iclk/engine/compute/recorder.h>
 #include <iclk/engine/submission.h>
 #include <iclk/render/procedural.h>
 
