@@ -2,10 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
+#include <tuple>
+
+#include <Eigen/Cholesky>
 
 #include <iclk/align/pyramid.h>
 #include <iclk/engine/error.h>
 #include <iclk/locate/internal/hypotheses.h>
+#include <iclk/locate/internal/map_errors.h>
 #include <iclk/locate/internal/map_window.h>
 #include <iclk/render/renderer.h>
 #include <iclk/session/session.h>
@@ -16,8 +21,14 @@ namespace {
 constexpr size_t kBatch = 16;         // views that are compared at a time
 constexpr int kFewestFeatures = 20;   // of a view that is worth comparing
 constexpr double kAnotherPlace = 16;  // px: poses that differ by more are two
-// px by which a view looks past the pose: what is fixed to the camera stays, the ground does not.
-constexpr double kAside = 24;
+// Of the width, by which a view looks past the pose: what is fixed to the camera stays, the ground does not.
+constexpr double kAside = 0.0375;
+constexpr int kSmallest = 160;       // px: width of the pictures that are aligned, at least
+constexpr double kInlier = 1.5;      // px; features that do not confirm a pose are off by as much
+constexpr double kLeastSigma = 0.2;  // px: of a feature's position
+constexpr double kSettled = 6;       // squared step, normalised by the covariance
+constexpr double kSlope = 0.25;      // heights this many steps apart move pixels on the ground by as much
+constexpr double kMapSigma = 1;      // px: of features' positions, at the level of the map
 constexpr double kRivalShare = 0.5;  // of the answer's inliers: as many make another place a rival
 
 [[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
@@ -27,11 +38,23 @@ struct Picture {
   Camera camera;
 };
 
+/// A picture of 2^level x 2^level means, and its pixels.
+struct SmallPicture {
+  Pyramid grey;
+  std::vector<uint8_t> hidden;
+  Picture picture;
+
+  SmallPicture(const Picture& full, int level);
+};
+
 struct Candidate {
   SE3 T_WC;
+  bool likely = false;  // the prior allows what was found; else T_WC is the hypothesis
   bool converged = false;
   int inliers = 0;
 };
+
+using Allowed = std::function<bool(const SE3&)>;
 
 ImageView view_of(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
 
@@ -45,6 +68,22 @@ std::vector<uint8_t> small_mask(const ImageView& mask, int level) {
       if (mask.row(v)[u] == 0) row[u >> level] = 0;
   }
   return small;
+}
+
+SmallPicture::SmallPicture(const Picture& full, int level) : picture(full) {
+  if (level == 0) return;
+  grey = grey_pyramid(full.image, level + 1);
+  picture = {view_of(grey.back()), {}, full.camera.at_level(level)};
+  if (full.mask.empty()) return;
+  hidden = small_mask(full.mask, level);
+  picture.mask = {hidden.data(), picture.camera.width, picture.camera.height, 0, PixelFormat::r8};
+}
+
+/// The last step is one that errors of two views explain.
+bool settled(const Located& located, const SE3& before) {
+  const Vector6d step = (located.T_WC.inverse() * before).log();
+  const Eigen::LLT<Matrix6d> factor(located.covariance);
+  return factor.info() == Eigen::Success && step.dot(factor.solve(step)) < kSettled;
 }
 
 /// m; nothing if the view shows no ground.
@@ -69,10 +108,30 @@ double motion(const Camera& camera, const SE3& T, double distance) {
   return most;
 }
 
+/// Points of the ground that the answer rests on, in the camera's frame.
+std::vector<Eigen::Vector3d> seen_points(const Camera& camera, const Features& features, const RefinedAlignment& answer) {
+  std::vector<Eigen::Vector3d> points;
+  for (size_t i = 0; i < features.uv.size(); ++i) {
+    if (!(features.inverse_depth[i] > 0)) continue;
+    const Eigen::Vector3d X = answer.T_10 * Eigen::Vector3d(camera.ray(features.uv[i]) / features.inverse_depth[i]);
+    if (X.z() <= 0) continue;
+    const Eigen::Vector2d uv = camera.project(X);
+    const bool aligned = i < answer.features.size() && answer.features[i].status == FeatureStatus::aligned;
+    if (answer.refined ? aligned && (answer.features[i].uv1 - uv).norm() < kInlier : camera.contains(uv)) points.push_back(X);
+  }
+  return points;
+}
+
 RenderOptions view_options() {
   RenderOptions options;
   options.samples = 1;  // the mosaic is filtered; more rays smooth only the edges of the relief
   options.max_anisotropy = 4;
+  return options;
+}
+
+/// Positions and heights of a map are off by a share of its pixels, which images of one camera are not.
+SessionOptions fine_options(SessionOptions options) {
+  options.refiner.pose.max_sigma = std::max(options.refiner.pose.max_sigma, kMapSigma);
   return options;
 }
 
@@ -119,23 +178,28 @@ struct Locator::Impl {
   Impl(const std::shared_ptr<engine::Context>& context, std::shared_ptr<const TerrainSource> source, const LocatorOptions& o)
       : options(o),
         map(context, std::move(source), view_options()),
-        coarse(coarse_options(o.session), context),
-        fine(o.session, context) {}
+        coarse(coarse_options(fine_options(o.session)), context),
+        fine(fine_options(o.session), context) {}
 
   bool above_ground(const SE3& T_WC) const {
     const auto ground = map.terrain().height_at(T_WC.t.x(), T_WC.t.y());
     return !ground || *ground < T_WC.t.z();
   }
 
-  void compare(const Picture& picture, std::span<const SE3> poses, std::vector<Candidate>& found);
-  std::vector<Candidate> candidates(const Picture& picture, const LocatePrior& prior, int& hypotheses);
+  void compare(const Picture& picture, std::span<const SE3> poses, const Allowed& likely, std::vector<Candidate>& found);
+  double distance(const Camera& camera, const LocatePrior& prior);
+  int map_level(const Camera& camera, double distance) const;
+  std::vector<Candidate> candidates(const Picture& picture, const LocatePrior& prior, double distance, int& hypotheses);
   Located refine(const Picture& picture, const SE3& start);
+  Matrix6d map_covariance(const Camera& camera, const Features& features, const RefinedAlignment& answer,
+                          const SE3& T_WC) const;
   bool another_place(const Camera& camera, const SE3& a, const SE3& b);
-  Located locate(const Picture& picture, const LocatePrior& prior);
+  Located locate(const Picture& full, const LocatePrior& prior);
 };
 
 /// Aligns the image with a view at each pose.
-void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, std::vector<Candidate>& found) {
+void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, const Allowed& likely,
+                            std::vector<Candidate>& found) {
   std::vector<View> views(poses.size());
   std::vector<Map> greys(poses.size());
   std::vector<CascadePair> pairs;
@@ -156,46 +220,66 @@ void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, 
   }
   if (pairs.empty()) return;
   const std::vector<RefinedAlignment> results = coarse.align(pairs);
-  for (size_t i = 0; i < results.size(); ++i)
-    found.push_back({starts[i] * results[i].T_10.inverse(), results[i].converged(), results[i].inliers});
+  for (size_t i = 0; i < results.size(); ++i) {
+    const SE3 T_WC = starts[i] * results[i].T_10.inverse();
+    if (likely(T_WC))
+      found.push_back({T_WC, true, results[i].converged(), results[i].inliers});
+    else
+      found.push_back({starts[i]});
+  }
+}
+
+/// m from the camera of the prior to the ground.
+double Locator::Impl::distance(const Camera& camera, const LocatePrior& prior) {
+  if (above_ground(prior.T_WC))
+    if (const auto seen = median_depth(map.renderer().render(camera, prior.T_WC))) return *seen;
+  const auto ground = map.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
+  return std::max(1.0, prior.T_WC.t.z() - ground.value_or(0));
+}
+
+/// The level at which the picture is as coarse as the map: finer pixels see what the map does not have.
+int Locator::Impl::map_level(const Camera& camera, double distance) const {
+  const Terrain& seen = map.terrain();
+  const double texel = std::abs(camera.fx) * std::max(seen.mosaic.step_x, kSlope * seen.relief.step_x) / distance;
+  const double least = std::log2(1.0 * camera.width / kSmallest);
+  return std::max(0, static_cast<int>(std::lround(std::min(std::log2(texel), std::floor(least)))));
 }
 
 /// The best hypotheses, each at another place.
-std::vector<Candidate> Locator::Impl::candidates(const Picture& picture, const LocatePrior& prior, int& hypotheses) {
-  const Camera& camera = picture.camera;
-  const int level = std::max(0, static_cast<int>(std::lround(std::log2(1.0 * camera.width / options.coarse_width))));
-  const Camera small = camera.at_level(level);
-  const Pyramid pyramid = grey_pyramid(picture.image, level + 1);
-  Picture coarse_picture{view_of(pyramid.back()), {}, small};
-  std::vector<uint8_t> mask;
-  if (!picture.mask.empty()) {
-    mask = small_mask(picture.mask, level);
-    coarse_picture.mask = {mask.data(), small.width, small.height, 0, PixelFormat::r8};
-  }
-  const auto ground = map.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
-  std::optional<double> distance;
-  if (above_ground(prior.T_WC)) distance = median_depth(map.renderer().render(small, prior.T_WC));
-  if (!distance) distance = std::max(1.0, prior.T_WC.t.z() - ground.value_or(0));
-  const std::vector<SE3> poses = internal::hypotheses(prior, camera, *distance, options.reach);
+std::vector<Candidate> Locator::Impl::candidates(const Picture& picture, const LocatePrior& prior, double distance,
+                                                 int& hypotheses) {
+  const int level = std::max(0, static_cast<int>(std::lround(std::log2(1.0 * picture.camera.width / options.coarse_width))));
+  const SmallPicture coarse_picture(picture, level);
+  const Camera& small = coarse_picture.picture.camera;
+  const std::vector<SE3> poses = internal::hypotheses(prior, picture.camera, distance, options.reach);
   hypotheses = static_cast<int>(poses.size());
   std::vector<Candidate> found, best;
+  const Allowed likely = [&](const SE3& T_WC) { return internal::likely(T_WC, prior, distance, options.reach + 1); };
   for (size_t i = 0; i < poses.size(); i += kBatch)
-    compare(coarse_picture, std::span(poses).subspan(i, std::min(kBatch, poses.size() - i)), found);
+    compare(coarse_picture.picture, std::span(poses).subspan(i, std::min(kBatch, poses.size() - i)), likely, found);
   std::stable_sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
-    return std::pair(a.converged, a.inliers) > std::pair(b.converged, b.inliers);
+    return std::tuple(a.converged, a.inliers, a.likely) > std::tuple(b.converged, b.inliers, b.likely);
   });
   for (const Candidate& c : found) {
     if (static_cast<int>(best.size()) == options.candidates) break;
-    const auto known = [&](const Candidate& b) { return motion(small, b.T_WC.inverse() * c.T_WC, *distance) < kAnotherPlace; };
+    const auto known = [&](const Candidate& b) { return motion(small, b.T_WC.inverse() * c.T_WC, distance) < kAnotherPlace; };
     if (above_ground(c.T_WC) && std::none_of(best.begin(), best.end(), known)) best.push_back(c);
   }
   return best;
 }
 
+Matrix6d Locator::Impl::map_covariance(const Camera& camera, const Features& features, const RefinedAlignment& answer,
+                                       const SE3& T_WC) const {
+  const Terrain& seen = map.terrain();
+  const double sigma = std::max(answer.sigma, answer.refined ? kLeastSigma : kInlier);
+  return internal::map_covariance(camera, seen_points(camera, features, answer), T_WC.R,
+                                  {sigma, seen.mosaic.step_x, seen.relief.step_x});
+}
+
 Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
   const Camera& camera = picture.camera;
   Vector6d turn = Vector6d::Zero();
-  turn[4] = kAside / camera.fx;
+  turn[4] = kAside * camera.width / camera.fx;
   const SE3 aside = SE3::exp(turn);
   Located located;
   located.T_WC = start;
@@ -215,8 +299,6 @@ Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
     pair.reference.image = view.image(), pair.reference.camera = camera;
     pair.reference.features = detect_features(view.image(), view.depth_image(), {}, options.session.detector);
     pair.target = picture.image, pair.target_mask = picture.mask;
-    pair.T_10 = aside;
-    pair.search = located.rounds == 0;  // the next views are where the last alignment ended
     const RefinedAlignment answer = fine.align(pair);
     const SE3 before = located.T_WC;
     located.rounds += 1;
@@ -230,8 +312,10 @@ Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
     if (!answer.converged()) return located;
     // T_WV (T_10 Exp(xi))^-1 = T_WC Exp(-A xi), A = Ad(T_10)
     const Matrix6d A = adjoint(answer.T_10);
-    located.covariance = A * answer.covariance * A.transpose();
+    located.covariance =
+        A * answer.covariance * A.transpose() + map_covariance(camera, pair.reference.features, answer, located.T_WC);
     if (motion(camera, located.T_WC.inverse() * before, *distance) < options.tolerance) return located;
+    if (located.rounds > 1 && settled(located, before)) return located;
   }
   located.status = Status::max_iterations;
   located.covariance.setZero();
@@ -244,14 +328,17 @@ bool Locator::Impl::another_place(const Camera& camera, const SE3& a, const SE3&
   return !distance || motion(camera, a.inverse() * b, *distance) > kAnotherPlace;
 }
 
-Located Locator::Impl::locate(const Picture& picture, const LocatePrior& prior) {
+Located Locator::Impl::locate(const Picture& full, const LocatePrior& prior) {
   Located best;
   best.T_WC = prior.T_WC;
   best.status = Status::low_overlap;
   best.reason = "the map shows too little where the prior looks";
-  if (!map.cover(picture.camera, prior, options.reach)) return best;
+  if (!map.cover(full.camera, prior, options.reach)) return best;
   int hypotheses = 0;
-  for (const Candidate& c : candidates(picture, prior, hypotheses)) {
+  const double away = distance(full.camera.at_level(2), prior);
+  const SmallPicture as_the_map(full, map_level(full.camera, away));
+  const Picture& picture = as_the_map.picture;
+  for (const Candidate& c : candidates(full, prior, away, hypotheses)) {
     // After a converged answer, only places that also converged can be rivals.
     if (best.converged() && !c.converged) break;
     const Located other = refine(picture, c.T_WC);

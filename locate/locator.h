@@ -28,9 +28,9 @@ struct LocatorOptions {
   SessionOptions session;  ///< for the alignment of a picture with views of the map
   double reach = 2;        ///< the search covers this many sigmas of the prior
   int coarse_width = 192;  ///< px: width of the views that hypotheses are compared by, approximately
-  int candidates = 4;      ///< hypotheses that are aligned at full resolution, at most
+  int candidates = 4;      ///< hypotheses that are aligned at the map's resolution, at most
   int rounds = 6;          ///< views rendered for one candidate, at most
-  double tolerance = 0.3;  ///< px: rounds end when the picture moves by less against the view
+  double tolerance = 0.3;  ///< px: rounds end when the picture moves by less against the view, or within the covariance
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;
@@ -41,21 +41,22 @@ struct Located {
   Status status = Status::diverged;
   std::string reason;  ///< explains the status
   SE3 T_WC;            ///< camera to map; valid only if the status is converged
-  /// Of xi = [rho, phi] in T_WC = mean Exp(xi), in the camera's frame; zero unless converged. It is that of the alignment with
-  /// the map as it is: errors of the map's own position and heights are not in it.
+  /// Of xi = [rho, phi] in T_WC = mean Exp(xi), in the camera's frame; zero unless converged. It has the errors of the
+  /// alignment and usual errors of a map: its pixels are off by a share of their size, its heights by a share of their spacing.
+  /// A shift of the whole map is not in it.
   Matrix6d covariance = Matrix6d::Zero();
   std::vector<SE3> rivals;       ///< T_WC of other poses that fit as well; only with Status::ambiguous
   std::string model;             ///< the model that answered
   int hypotheses = 0;            ///< poses that were compared
   int rounds = 0;                ///< views rendered for this answer
   int inliers = 0, visible = 0;  ///< features that agree with the pose, of those that lie in the picture
-  double sigma = 0;              ///< px: robust standard deviation of the reprojection residuals
+  double sigma = 0;              ///< px at the map's resolution: robust standard deviation of the reprojection residuals
 
   bool converged() const { return status == Status::converged; }
 };
 
 /// Locates pictures on a map. It renders small views at poses that cover the prior, aligns the picture with each, and aligns it
-/// again at full resolution with views at the best poses. A view is rendered again at the pose found, until the pose stays.
+/// again at the map's resolution with views at the best poses. A view is rendered again at the pose found, until it stays.
 /// Pictures that fit at two places are ambiguous. One thread at a time.
 class Locator {
  public:

@@ -80,4 +80,11 @@ std::vector<SE3> hypotheses(const LocatePrior& prior, const Camera& camera, doub
   return poses;
 }
 
+bool likely(const SE3& T_WC, const LocatePrior& prior, double distance, double reach) {
+  const Eigen::Vector3d off = T_WC.t - prior.T_WC.t;
+  const double tilt = std::acos(std::clamp(T_WC.R.col(2).dot(prior.T_WC.R.col(2)), -1.0, 1.0));
+  return off.head<2>().norm() < reach * prior.position_sigma + 0.1 * distance &&
+         std::abs(off.z()) < reach * prior.height_sigma + 0.1 * distance && tilt < reach * prior.tilt_sigma + 0.09;
+}
+
 }  // namespace iclk::internal
