@@ -234,7 +234,7 @@ double Locator::Impl::distance(const Camera& camera, const LocatePrior& prior) {
   if (above_ground(prior.T_WC))
     if (const auto seen = median_depth(map.renderer().render(camera, prior.T_WC))) return *seen;
   const auto ground = map.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
-  return std::max(1.0, prior.T_WC.t.z() - ground.value_or(0));
+  return std::max({1.0, prior.T_WC.t.z() - ground.value_or(0), options.reach * prior.height_sigma});
 }
 
 /// The level at which the picture is as coarse as the map: finer pixels see what the map does not have.
@@ -334,6 +334,10 @@ Located Locator::Impl::locate(const Picture& full, const LocatePrior& prior) {
   best.status = Status::low_overlap;
   best.reason = "the map shows too little where the prior looks";
   if (!map.cover(full.camera, prior, options.reach)) return best;
+  if (!above_ground({prior.T_WC.R, prior.T_WC.t + options.reach * prior.height_sigma * Eigen::Vector3d::UnitZ()})) {
+    best.reason = "the prior is below the ground of the map";
+    return best;
+  }
   int hypotheses = 0;
   const double away = distance(full.camera.at_level(2), prior);
   const SmallPicture as_the_map(full, map_level(full.camera, away));

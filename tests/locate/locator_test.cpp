@@ -186,6 +186,14 @@ TEST_F(Locating, NoMapUnderThePicture) {
   }
 }
 
+TEST_F(Locating, APriorBelowTheGroundHasAStatus) {
+  Locator locator(test::device(), map_, classical());
+  const View seen = picture(map_, above(*map_, 128, 128, 60));
+  const Located located = locator.locate(seen.image(), kCamera, {above(*map_, 128, 128, -500), 10, 10, 0.05, 0.1});
+  EXPECT_EQ(located.status, Status::low_overlap);
+  EXPECT_NE(located.reason.find("below the ground"), std::string::npos) << located.reason;
+}
+
 TEST_F(Locating, BadInputIsRefused) {
   Locator locator(test::device(), map_, classical());
   const View seen = picture(map_, above(*map_, 128, 128, 60));
