@@ -1,6 +1,10 @@
 // iclk locate as a user runs it, on GeoTIFF files made here.
+#include <iostream>
+
 #include <nlohmann/json.hpp>
 
+#include <iclk/locate/sequence_locator.h>
+#include <iclk/session/device.h>
 #include <iclk/session/io/distortion.h>
 
 #include "locate_fixture.h"
@@ -151,6 +155,19 @@ TEST(Attitudes, AreWhatTheirNamesSay) {
     EXPECT_LT((yaw_pitch_roll(R) - degrees).norm(), 1e-6) << degrees.transpose() << " is " << yaw_pitch_roll(R).transpose();
     EXPECT_LT((from_omega_phi_kappa(omega_phi_kappa(R)) - R).norm(), 1e-9);
   }
+}
+
+// The code of docs/guide/locate.md (tests/session/readme_test.cpp).
+[[maybe_unused]] void code_of_the_guide(const ImageView& image, const Camera& camera, const SE3& T_WC) {
+  // README
+  auto map = std::make_shared<iclk::GeoMap>("map.tif", "dsm.tif");  // or an iclk::Terrain in memory
+  iclk::Locator locator(iclk::open_device(), map);
+  iclk::LocatePrior prior{T_WC, 10, 10, 0.05, 0.1};  // approximate pose; m, m, rad, rad
+  iclk::Located located = locator.locate(image, camera, prior);
+  if (located.converged()) std::cout << located.T_WC.t.transpose() << "\n";  // m, in map->system()
+  iclk::SequenceLocator sequence(locator, camera);                           // one frame at a time
+  iclk::SequencePose pose = sequence.locate({.time = 0, .image = image, .mask = {}, .prior = prior});
+  // end
 }
 
 }  // namespace

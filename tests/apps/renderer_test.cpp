@@ -345,8 +345,7 @@ TEST(Renderer, CodeOfTheGuideWorks) {
   engine::Submission submission(context);
   engine::Recorder recorder(submission, arena);
   // README
-  auto terrain =
-      std::make_shared<iclk::Terrain>(iclk::procedural_terrain({.seed = 7}));  // or GeoMap().whole(), with iclk_geotiff
+  auto terrain = std::make_shared<iclk::Terrain>(iclk::procedural_terrain({.seed = 7}));  // or iclk::GeoMap(...).whole()
   iclk::TerrainRenderer renderer(context, terrain);
   iclk::View view = renderer.render(camera, T_WC);       // waits; view.image() goes into Reference or Pair as it is
   renderer.record(recorder, camera, T_WC, rgba, depth);  // or into your own commands and buffers

@@ -66,7 +66,8 @@ TEST(Readme, CodeIsWhatIsCompiled) {
     compiled.emplace_back(pages.back().size());
   }
   int blocks = 0, shown = 0;  // each on one page at least
-  for (const char* file : {"/tests/session/readme_test.cpp", "/apps/embed/run.cpp", "/tests/apps/renderer_test.cpp"}) {
+  for (const char* file : {"/tests/session/readme_test.cpp", "/apps/embed/run.cpp", "/tests/apps/renderer_test.cpp",
+                           "/tests/apps/locate_test.cpp"}) {
     const auto code = lines_of(std::string(ICLK_SOURCE_DIR) + file);
     std::vector<size_t> after(pages.size());  // blocks of a file come in its order
     for (size_t i = 0; i < code.size(); ++i) {
@@ -86,8 +87,8 @@ TEST(Readme, CodeIsWhatIsCompiled) {
       ++blocks;
     }
   }
-  EXPECT_EQ(blocks, 5);
-  EXPECT_EQ(shown, 7);  // README.md has two that pages of the guide have too
+  EXPECT_EQ(blocks, 6);
+  EXPECT_EQ(shown, 8);  // README.md has two that pages of the guide have too
 
   for (size_t p = 0; p < pages.size(); ++p) {
     bool cpp = false;

@@ -25,8 +25,10 @@ struct LocateCommand {
 };
 
 const char* const kLocateFooter =
-    "The map is an orthophoto and its elevation, in one projected system in metres. A pose T_WC maps points of the camera (x\n"
-    "right, y down, z forward) into the map (x east, y north, z up).\n"
+    "The map is an orthophoto and its elevation, of any size and in any coordinate systems. Positions are in the system of "
+    "the\n"
+    "orthophoto if that is projected and in metres, else in its UTM zone. A pose T_WC maps points of the camera (x right, y\n"
+    "down, z forward) into the map (x east, y north, z up).\n"
     "\n"
     "--prior is one of:\n"
     "  CSV, with a header: image, then x,y,z or lat,lon,z, then yaw,pitch,roll or omega,phi,kappa. Metres and degrees.\n"
@@ -40,8 +42,9 @@ const char* const kLocateFooter =
     "footprints for QGIS, if the map has a system of coordinates) and overlay/ (map red, picture cyan: grey where they "
     "agree).\n"
     "\n"
-    "located.jsonl grows with every frame. The same command continues a run that was stopped. Frames of a video are named\n"
-    "video.mp4#000123.\n"
+    "located.jsonl grows with every frame. The same command continues a run that was stopped; sequences begin anew. Frames of "
+    "a\n"
+    "video are named video.mp4#000123.\n"
     "\n"
     "--pixels adds ground.csv: image,u,v,lat,lon,x,y,z and standard deviations, m: sigma_major, sigma_minor, sigma_z, with "
     "the\n"
@@ -126,16 +129,17 @@ void add_locate(CLI::App& app, int& exit) {
       ->type_name("PATH ...");
   sub->add_option("--every", run.every, "Locate every N-th frame only")->capture_default_str()->check(CLI::PositiveNumber);
   sub->add_flag("--sequence", run.sequence,
-                "Frames follow each other: a frame that the map does not show gets its pose from the motion between frames");
+                "Frames follow each other: a frame that the map does not show gets its pose from the motion between frames. "
+                "Implied for a video");
   sub->add_option("--shard", o->shard,
                   "k/n: only every n-th frame, starting with the k-th (from 0, k < n); each shard needs its own --out")
       ->capture_default_str();
   sub->option_defaults()->group("Map and camera");
-  sub->add_option("--ortho", run.ortho, "Orthophoto: GeoTIFF, 8 bit, grey or RGB")
+  sub->add_option("--ortho", run.ortho, "Orthophoto: GeoTIFF, COG or VRT, 8 bit, grey or RGB")
       ->required()
       ->type_name("FILE")
       ->check(not_empty);
-  sub->add_option("--elevation", run.elevation, "Elevation in metres: GeoTIFF on any grid of the same system; best a DSM")
+  sub->add_option("--elevation", run.elevation, "Elevation in metres, on any grid; best a DSM")
       ->required()
       ->type_name("FILE")
       ->check(not_empty);
@@ -148,10 +152,9 @@ void add_locate(CLI::App& app, int& exit) {
       ->check(not_empty);
   sub->option_defaults()->group("Prior");
   PriorOptions& priors = run.priors;
-  sub->add_option(
-         "--prior", priors.source,
-         "Approximate poses of the frames: CSV or TUM lines, see below; or LAT,LON,Z, one place for all frames. Default: "
-         "what the pictures state")
+  sub->add_option("--prior", priors.source,
+                  "Approximate poses of the frames: CSV or TUM lines, see below; or LAT,LON,Z, one place for all frames, in a "
+                  "sequence for the first. Default: what the pictures state")
       ->type_name("FILE|LAT,LON,Z")
       ->check(not_empty);
   sub->add_option("--heading", priors.heading, "For LAT,LON,Z: clockwise from north; default: unknown")->type_name("DEGREES");

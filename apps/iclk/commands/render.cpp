@@ -77,12 +77,12 @@ std::string is_shard(const std::string& text) {
 }
 
 void add_terrain(CLI::App* sub, RenderCommand* o) {
-  sub->add_option("--ortho", o->ortho, "Orthomosaic: GeoTIFF, 8-bit grey or RGB, in a coordinate system in metres")
+  sub->add_option(
+         "--ortho", o->ortho,
+         "Orthomosaic: GeoTIFF, 8-bit grey or RGB; poses are in its system, or in its UTM zone if that is not in metres")
       ->type_name("FILE")
       ->check(not_empty);
-  sub->add_option("--elevation", o->elevation, "Elevation in metres: GeoTIFF on any grid of the same coordinate system")
-      ->type_name("FILE")
-      ->check(not_empty);
+  sub->add_option("--elevation", o->elevation, "Elevation in metres: GeoTIFF on any grid")->type_name("FILE")->check(not_empty);
   sub->add_option("--terrain", o->terrain,
                   "Instead of files, a procedural landscape: procedural:SEED[:METRES], METRES a side (default 1024)")
       ->check(not_empty);

@@ -29,6 +29,7 @@ class LocateFrames {
   explicit LocateFrames(const std::vector<std::string>& given);
 
   const std::vector<LocateFrame>& all() const { return frames_; }
+  bool is_video() const { return video_.has_value(); }
   /// What of a video is missing; empty: nothing.
   std::string problem() const { return video_ ? video_->problem() : ""; }
   /// The pixels. Throws the errors of load_image() and Video::read().

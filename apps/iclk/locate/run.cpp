@@ -143,6 +143,7 @@ LocateReport run_locate(const LocateRun& given, const std::function<void(const P
   LocateReport report;
   LocateFrames pictures(run.frames);
   if (!pictures.problem().empty()) spdlog::warn("{}", pictures.problem());
+  if (pictures.is_video() && run.shard.n == 1) run.sequence = true;
   std::optional<CameraFile> camera = run.camera;
   std::vector<LocateFrame> frames = with_priors(selected(pictures.all(), run), run, system, camera, report.left_out);
   run.camera = camera;
