@@ -68,6 +68,14 @@ TEST_F(LocateLong, ASequenceNeedsOnePriorOnly) {
   EXPECT_EQ(go({"--sequence", "--shard", "0/2"}).code, 3);
 }
 
+TEST_F(LocateLong, AnywhereOnTheMap) {
+  const Finished f = run({"locate", folder_->path("frames/1.png"), "--ortho", folder_->path("ortho.tif"), "--elevation",
+                          folder_->path("dem.tif"), "--camera", "300,300,159.5,119.5", "--anywhere", "60", "--heading", "17",
+                          "--height-sigma", "2", "--model", "classical", "--out", out_});
+  ASSERT_EQ(f.code, 0) << f.out << f.err;
+  EXPECT_LT((load_trajectory(out_ + "/trajectory.txt").at(0).T_wc.t - truth_[1].t).norm(), 0.1);
+}
+
 TEST_F(LocateLong, ATrackedFrameHasAPose) {
   LocatedFrame frame;
   frame.image = "a.png", frame.camera = kCamera, frame.tracked = true;

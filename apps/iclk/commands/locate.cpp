@@ -55,6 +55,7 @@ const char* const kLocateFooter =
     "  iclk locate a.jpg --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior poses.csv --prior-sigma 3,2 --out a\n"
     "  iclk locate frames --ortho map.tif --elevation dsm.tif --camera camera.yaml --altitude ground --out b  # from EXIF\n"
     "  iclk locate a.jpg --ortho map.tif --elevation dsm.tif --camera camera.yaml --prior 47.85,15.01,620 --out c\n"
+    "  iclk locate a.jpg --ortho map.tif --elevation dsm.tif --camera camera.yaml --anywhere 50 --out d\n"
     "\n";
 
 LocateRun prepared(const LocateCommand& command) {
@@ -157,6 +158,11 @@ void add_locate(CLI::App& app, int& exit) {
                   "sequence for the first. Default: what the pictures state")
       ->type_name("FILE|LAT,LON,Z")
       ->check(not_empty);
+  sub->add_option("--anywhere", run.anywhere,
+                  "Instead of --prior: search the whole map, for a camera that looks down from this height above the ground")
+      ->type_name("METRES")
+      ->check(CLI::Range(1.0, 1e5))
+      ->excludes("--prior");
   sub->add_option("--heading", priors.heading, "For LAT,LON,Z: clockwise from north; default: unknown")->type_name("DEGREES");
   sub->add_option("--pitch", priors.pitch, "For LAT,LON,Z: up from the horizon. Default -90, straight down")
       ->type_name("DEGREES");

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include <fmt/format.h>
 #include <spdlog/spdlog.h>
 
 #include <iclk/align/common/stopwatch.h>
@@ -26,6 +27,8 @@ namespace iclk {
 namespace {
 
 namespace fs = std::filesystem;
+
+constexpr double kHeightSigma = 0.1;  // of the height above the ground, if the place is unknown
 
 /// Every `every`-th frame, and of these those of the shard.
 std::vector<LocateFrame> selected(const std::vector<LocateFrame>& all, const LocateRun& run) {
@@ -56,6 +59,7 @@ nlohmann::ordered_json options_of(const LocateRun& run) {
           {"--elevation", absolute(run.elevation)},
           {"--camera", {c.fx, c.fy, c.cx, c.cy, c.width, c.height}},
           {"--distortion", distortion_text(run.lens())},
+          {"--anywhere", optional(run.anywhere)},
           {"--prior", file ? absolute(p.source) : p.source},
           {"content of --prior", file ? hash_of(read_file(p.source)) : ""},
           {"--heading", optional(p.heading)},
@@ -133,6 +137,19 @@ void write_ground(const LocateRun& run, const std::vector<PixelQuery>& pixels, c
   write_file((fs::path(run.out) / "ground.csv").string(), lines);
 }
 
+/// A prior that is the whole map, with any heading.
+PriorOptions anywhere_on(const GeoMap& map, const LocateRun& run) {
+  PriorOptions priors = run.priors;
+  const MapBox box = map.extent();
+  const Eigen::Vector2d centre(0.5 * (box.left + box.right), 0.5 * (box.bottom + box.top));
+  const Eigen::Vector2d at = map.system().lat_lon(centre.x(), centre.y()).value_or(centre);
+  priors.source = fmt::format("{:.9f},{:.9f},{}", at.x(), at.y(), *run.anywhere);
+  priors.altitude = Altitude::ground;
+  priors.sigmas.position = 0.5 * std::hypot(box.width(), box.height()) / run.locator.reach;
+  priors.sigmas.height = priors.sigmas.height.value_or(kHeightSigma * *run.anywhere);
+  return priors;
+}
+
 }  // namespace
 
 LocateReport run_locate(const LocateRun& given, const std::function<void(const ProgressState&)>& progress) {
@@ -140,6 +157,7 @@ LocateReport run_locate(const LocateRun& given, const std::function<void(const P
   const std::vector<PixelQuery> pixels = run.pixels.empty() ? std::vector<PixelQuery>() : load_pixels(run.pixels);
   const auto map = std::make_shared<const GeoMap>(run.ortho, run.elevation);
   const MapSystem& system = map->system();
+  if (run.anywhere) run.priors = anywhere_on(*map, run);
   LocateReport report;
   LocateFrames pictures(run.frames);
   if (!pictures.problem().empty()) spdlog::warn("{}", pictures.problem());

@@ -22,6 +22,7 @@ struct LocateRun {
   bool fresh = false;               ///< begins anew in `out`, whatever is there
   std::string ortho, elevation, out;
   PriorOptions priors;
+  std::optional<double> anywhere;        ///< m above the ground: instead of priors, the whole map is searched
   std::optional<CameraFile> camera;      ///< none: the calibration that the pictures state
   std::optional<Distortion> distortion;  ///< none: the camera file's
   LocatorOptions locator;
