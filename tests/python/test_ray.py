@@ -11,10 +11,11 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
+import iclk
 import numpy as np
 import pytest
 from iclk.ray.__main__ import parser
-from conftest import make_scene
+from conftest import make_scene, needs_vulkan
 from test_parity import save
 
 MISSING = [name for name in ("ray", "cv2", "pyarrow") if find_spec(name) is None]
@@ -254,3 +255,34 @@ def test_help_needs_no_ray_and_the_rest_says_what_is_missing(tmp_path: Path) -> 
     if MISSING:
         process = run(tmp_path / "pairs.jsonl", "--out", tmp_path / "o")
         assert "pip install 'iclk[ray]'" in process.communicate(timeout=120)[1] and process.returncode == 2
+
+
+@needs_ray
+@pytest.mark.skipif(find_spec("rasterio") is None, reason="not installed: rasterio")
+@needs_vulkan
+def test_pictures_are_located(tmp_path: Path) -> None:
+    import rasterio
+    from iclk.ray._locate import SCHEMA, LocateSettings, LocateWorker
+    from test_rooms import above, make_map
+
+    ortho, heights, place, heights_place = make_map()
+    maps = {"ortho.tif": (np.moveaxis(ortho, -1, 0), place), "dsm.tif": (heights[None].astype(np.float32), heights_place)}
+    for name, (bands, where) in maps.items():
+        size = {"count": bands.shape[0], "height": bands.shape[1], "width": bands.shape[2], "dtype": bands.dtype}
+        transform = rasterio.Affine.from_gdal(*where)
+        with rasterio.open(tmp_path / name, "w", driver="GTiff", crs="EPSG:32633", transform=transform, **size) as file:
+            file.write(bands)
+    K, truth = (300, 300, 159.5, 119.5), above(80, 75, 70)
+    image, _ = iclk.Map(ortho, heights, place, heights_place, model="classical").view(truth, K, 320, 240)
+    cv2.imwrite(str(tmp_path / "a.png"), image[..., ::-1])
+    prior = truth.copy()
+    prior[:3, 3] += 3, -4, 2
+    rows = [{"id": "a", "image": str(tmp_path / "a.png"), "T_WC": prior.ravel()},
+            {"id": "b", "image": str(tmp_path / "none.png"), "T_WC": prior.ravel()},
+            {"id": "c", "image": str(tmp_path / "a.png"), "T_WC": [1.0, 2.0]}]
+    settings = LocateSettings(str(tmp_path / "ortho.tif"), str(tmp_path / "dsm.tif"), "300,300,159.5,119.5", "", (4, 2), None,
+                              None, "classical", "", 10**8)
+    a, b, c = LocateWorker(settings)(pa.Table.from_pylist(rows)).cast(SCHEMA).to_pylist()
+    assert a["status"] == "converged", a["reason"]
+    assert np.linalg.norm(np.reshape(a["T_WC"], (4, 4))[:3, 3] - truth[:3, 3]) < 0.1
+    assert b["status"] == c["status"] == "error" and "none.png" in b["reason"] and "not 16" in c["reason"]

@@ -17,7 +17,7 @@ from ._settings import Settings
 if TYPE_CHECKING:
     from ray.data import Dataset
 
-__all__ = ["Settings", "align"]
+__all__ = ["Settings", "align", "locate"]
 
 
 def align(
@@ -62,6 +62,50 @@ def align(
     return pairs.map_batches(
         PairWorker,
         fn_constructor_args=(settings, cpus),
+        batch_size=batch_size,
+        batch_format="pyarrow",
+        concurrency=workers,
+        num_cpus=cpus,
+        num_gpus=gpus,
+    )
+
+
+def locate(
+    pictures: Dataset,
+    *,
+    ortho: str,
+    elevation: str,
+    camera: str,
+    distortion: str = "",
+    sigma: tuple[float, float] = (10.0, 5.0),
+    height_sigma: float | None = None,
+    heading_sigma: float | None = None,
+    workers: int = 1,
+    cpus: float = 1,
+    gpus: float = 0,
+    batch_size: int = 16,
+    model: str = "auto",
+    device: str = "",
+    max_pixels: int = 8192 * 8192,
+) -> Dataset:
+    """Returns one row per picture, with the results of ``iclk.Map.locate``. Lazy, as all of Ray Data.
+
+    pictures: columns image (path or bytes of the file), T_WC (approximate pose, 16 numbers row by row) and, optionally, id.
+    ortho, elevation: GeoTIFFs that every worker reads with rasterio and keeps in memory. camera, distortion: as for
+    `iclk locate`. sigma, height_sigma, heading_sigma: as for ``iclk.Map.locate``. workers, cpus, gpus, batch_size: as for
+    ``align``.
+
+    A row has id, status, reason, T_WC, covariance, inliers, sigma and model (``iclk.ray._locate.SCHEMA``). A picture that cannot
+    be read has status "error" and a reason.
+    """
+    from ._locate import LocateSettings, LocateWorker
+
+    settings = LocateSettings(
+        ortho, elevation, camera, distortion, sigma, height_sigma, heading_sigma, model, device, max_pixels
+    )
+    return pictures.map_batches(
+        LocateWorker,
+        fn_constructor_args=(settings,),
         batch_size=batch_size,
         batch_format="pyarrow",
         concurrency=workers,
