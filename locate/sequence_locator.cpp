@@ -73,8 +73,25 @@ struct SequenceLocator::Impl {
   void track(const LocatorFrame& frame, const Located& located);
   void add_motion(int from, int to, const SE3& T_to_from, const Matrix6d& covariance, bool confirmed);
   LocatePrior around(int frame) const;
+  bool anchored(int frame) const { return frames[static_cast<size_t>(frame)].located.converged(); }
+  Matrix6d covariance(int frame) const;
   SequencePose locate(const LocatorFrame& frame);
 };
+
+/// Errors of the map are those of neighbouring anchors, too: these do not average out. A located frame keeps the covariance
+/// that it has alone; a tracked one adds that of the nearest located frame.
+Matrix6d SequenceLocator::Impl::covariance(int frame) const {
+  const auto located = [&](int i) { return i >= 0 && i < static_cast<int>(frames.size()) && anchored(i); };
+  int near = 0;
+  while (near < graph.size() && !located(frame - near) && !located(frame + near)) ++near;
+  if (near == graph.size()) return graph.covariance(frame);
+  const int anchor = located(frame - near) ? frame - near : frame + near;
+  const Matrix6d& alone = frames[static_cast<size_t>(anchor)].located.covariance;
+  if (near == 0) return alone;
+  Matrix6d turn = Matrix6d::Zero();
+  turn.topLeftCorner<3, 3>() = turn.bottomRightCorner<3, 3>() = graph.pose(frame).R.transpose() * graph.pose(anchor).R;
+  return graph.covariance(frame) + turn * alone * turn.transpose();
+}
 
 /// The pose of a frame that its motion tells.
 LocatePrior SequenceLocator::Impl::around(int frame) const {
@@ -163,9 +180,9 @@ SequencePose SequenceLocator::Impl::locate(const LocatorFrame& frame) {
     graph.solve(graph.anchored_before(options.anchors), now);
   }
   pose.known = graph.known(now);
-  if (pose.known) pose.T_WC = graph.pose(now), pose.covariance = graph.covariance(now);
   frames.push_back(pose);
-  return pose;
+  if (pose.known) frames.back().T_WC = graph.pose(now), frames.back().covariance = covariance(now);
+  return frames.back();
 }
 
 SequenceLocator::SequenceLocator(Locator& locator, const Camera& camera, const SequenceLocatorOptions& options) {
@@ -182,13 +199,14 @@ std::vector<SequencePose> SequenceLocator::all() {
   for (int i = 0; i < s.graph.size(); ++i) {
     SequencePose& pose = s.frames[static_cast<size_t>(i)];
     pose.known = s.graph.known(i);
-    if (!pose.known) continue;
-    pose.T_WC = s.graph.pose(i), pose.covariance = s.graph.covariance(i);
     if (pose.located.converged() && s.graph.surprise(i) > s.options.contradiction) {
       pose.located.status = Status::diverged;
       pose.located.reason = "the motion between frames contradicts the pose on the map";
     }
   }
+  for (int i = 0; i < s.graph.size(); ++i)
+    if (SequencePose& pose = s.frames[static_cast<size_t>(i)]; pose.known)
+      pose.T_WC = s.graph.pose(i), pose.covariance = s.covariance(i);
   return s.frames;
 }
 

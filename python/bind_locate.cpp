@@ -11,6 +11,7 @@
 
 #include <iclk/locate/ground.h>
 #include <iclk/locate/locator.h>
+#include <iclk/locate/sequence_locator.h>
 
 #include "python/arrays.h"
 #include "python/bindings.h"
@@ -61,6 +62,21 @@ Fields to_dict(const Located& l) {
   return out;
 }
 
+LocatePrior prior_of(const Pose& T_WC, const Sigmas& sigmas) {
+  const auto& [position, height, tilt, heading] = sigmas;
+  return {pose(T_WC), position, height, tilt, heading};
+}
+
+Fields to_dict(const SequencePose& p) {
+  Fields out;
+  out["time"] = p.time;
+  out["located"] = to_dict(p.located);
+  out["known"] = p.known;
+  out["T_WC"] = to_array(p.T_WC);
+  out["covariance"] = to_array(p.known ? p.covariance : Matrix6d::Constant(NAN));
+  return out;
+}
+
 /// iclk._core.Map.
 class BoundMap {
  public:
@@ -75,13 +91,14 @@ class BoundMap {
     locator_.reset(std::make_unique<Locator>(context, std::move(terrain), options));
   }
 
+  Owned<Locator>& locator() { return locator_; }
+
   Fields locate(const Array& image, const Intrinsics& intrinsics, const Pose& T_WC, const Sigmas& sigmas,
                 const std::optional<Array>& mask) {
     locator_.check();
     const ImageView pixels = image_view(image);
     const Camera camera = python::camera(intrinsics, pixels.width, pixels.height);
-    const auto& [position, height, tilt, heading] = sigmas;
-    const LocatePrior prior{pose(T_WC), position, height, tilt, heading};
+    const LocatePrior prior = prior_of(T_WC, sigmas);
     Located located;
     {
       const Working working;
@@ -137,6 +154,47 @@ std::tuple<NewArray<double>, NewArray<double>> BoundMap::ground(const Pose& T_WC
   return {to_array(X.data(), {count, 3}), to_array(C.data(), {count, 3, 3})};
 }
 
+/// iclk._core.Sequence. Its map must outlive it.
+class BoundSequence {
+ public:
+  BoundSequence(BoundMap& map, const Intrinsics& intrinsics, int width, int height, bool masks) : map_(map) {
+    const Camera camera = python::camera(intrinsics, width, height);
+    const Working working;
+    const auto lock = map_.locator().lock();
+    sequence_.reset(std::make_unique<SequenceLocator>(*map_.locator().get(), camera, SequenceLocatorOptions{.masks = masks}));
+  }
+
+  Fields locate(double time, const Array& image, const std::optional<Pose>& T_WC, const Sigmas& sigmas,
+                const std::optional<Array>& mask) {
+    LocatorFrame frame{time, image_view(image), mask ? image_view(*mask) : ImageView(), {}};
+    if (T_WC) frame.prior = prior_of(*T_WC, sigmas);
+    SequencePose pose;
+    {
+      const Working working;
+      const auto lock = map_.locator().lock();
+      pose = sequence_.get()->locate(frame);
+    }
+    check_signals();
+    return to_dict(pose);
+  }
+
+  nb::list all() {
+    std::vector<SequencePose> poses;
+    {
+      const Working working;
+      const auto lock = map_.locator().lock();
+      poses = sequence_.get()->all();
+    }
+    nb::list out;
+    for (const SequencePose& pose : poses) out.append(to_dict(pose));
+    return out;
+  }
+
+ private:
+  BoundMap& map_;
+  Owned<SequenceLocator> sequence_{"Sequence"};
+};
+
 }  // namespace
 
 void bind_locate(nb::module_& m) {
@@ -150,6 +208,12 @@ void bind_locate(nb::module_& m) {
       .def("view", &BoundMap::view, nb::arg("T_WC"), nb::arg("intrinsics"), nb::arg("width"), nb::arg("height"))
       .def("ground", &BoundMap::ground, nb::arg("T_WC"), nb::arg("covariance"), nb::arg("intrinsics"), nb::arg("width"),
            nb::arg("height"), nb::arg("uv"), nb::arg("elevation_sigma"));
+  nb::class_<BoundSequence>(m, "Sequence")
+      .def(nb::init<BoundMap&, const Intrinsics&, int, int, bool>(), nb::arg("map"), nb::arg("intrinsics"), nb::arg("width"),
+           nb::arg("height"), nb::arg("masks"), nb::keep_alive<1, 2>())
+      .def("locate", &BoundSequence::locate, nb::arg("time"), nb::arg("image"), nb::arg("T_WC").none(), nb::arg("sigmas"),
+           nb::arg("mask").none())
+      .def("all", &BoundSequence::all);
 }
 
 }  // namespace iclk::python

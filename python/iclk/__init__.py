@@ -14,7 +14,7 @@ from ._core import version as __version__
 from ._depth import DepthMap, depth_map
 from ._devices import Device, devices
 from ._errors import Error, InvalidArgument
-from ._locate import Located, Map
+from ._locate import Located, Map, Sequence, SequencePose
 from ._models import model_info
 from ._render import RenderedPair, Terrain
 from ._results import Alignment, Attempt, Rival, Stage, Status
@@ -34,6 +34,8 @@ __all__ = [
     "Options",
     "Pair",
     "RenderedPair",
+    "Sequence",
+    "SequencePose",
     "Stage",
     "Status",
     "Terrain",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import collections.abc
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from ._results import Status
 
 Floats = npt.NDArray[np.float64]
 Corner = tuple[float, float, float, float]
+Numbers = collections.abc.Sequence[float]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,57 @@ class Located:
         return self.T_WC[:3, 3]
 
 
+@dataclass(frozen=True)
+class SequencePose:
+    """Where a frame of a sequence was taken."""
+
+    time: float  #: s
+    located: Located  #: on the map, without the other frames
+    known: bool  #: whether T_WC is: from the map, or by the motion from frames that were located
+    T_WC: Floats  #: 4 x 4, camera to map, by all that is known
+    covariance: Floats  #: 6 x 6 of [rho, phi]; NaN unless known
+
+    @staticmethod
+    def _of(fields: dict[str, Any]) -> SequencePose:
+        return SequencePose(**{**fields, "located": Located(**fields["located"])})
+
+
+class Sequence:
+    """Frames that follow each other, from ``Map.sequence``. Frames that the map does not show get a pose by their motion."""
+
+    def __init__(self, core: _core.Map, K: Any, masks: bool) -> None:
+        self._map, self._intrinsics, self._masks = core, _arrays.intrinsics(K), masks
+        self._core: _core.Sequence | None = None
+
+    def locate(
+        self,
+        image: Any,
+        time: float,
+        T_WC: Any = None,
+        *,
+        sigma: tuple[float, float] = (10.0, 5.0),
+        height_sigma: float | None = None,
+        heading_sigma: float | None = None,
+        mask: Any = None,
+    ) -> SequencePose:
+        """The next frame, with its live pose. The first frame needs an approximate pose; later ones may have one.
+
+        time: s, later than that of the frame before. Other arguments: as for ``Map.locate``. Raises what that raises, and
+        ValueError for a first frame without T_WC.
+        """
+        pixels = _arrays.image(image, "image")
+        if self._core is None:
+            self._core = _core.Sequence(self._map, self._intrinsics, pixels.shape[1], pixels.shape[0], self._masks)
+        where = None if T_WC is None else _arrays.pose(T_WC, "T_WC")
+        hidden = None if mask is None else _arrays.mask(mask, "mask")
+        sigmas = _sigmas(sigma, height_sigma, heading_sigma)
+        return SequencePose._of(self._core.locate(float(time), pixels, where, sigmas, hidden))
+
+    def all(self) -> list[SequencePose]:
+        """The poses of all frames so far, from all frames: what came later also counts."""
+        return [] if self._core is None else [SequencePose._of(fields) for fields in self._core.all()]
+
+
 class Map:
     """An orthophoto with its elevation, in memory.
 
@@ -59,8 +111,8 @@ class Map:
         self,
         ortho: Any,
         elevation: Any,
-        geotransform: Sequence[float] | None = None,
-        elevation_geotransform: Sequence[float] | None = None,
+        geotransform: Numbers | None = None,
+        elevation_geotransform: Numbers | None = None,
         *,
         model: str | None = None,
         device: str | int | None = None,
@@ -95,16 +147,14 @@ class Map:
         of sigma unless they are given. mask: H x W; pixels that are 0 are not used. Raises ValueError for wrong shapes and
         values, and ``iclk.Error`` for a lost device.
         """
-        metres, degrees = sigma
-        sigmas = (
-            float(metres),
-            float(metres if height_sigma is None else height_sigma),
-            float(np.radians(degrees)),
-            float(np.radians(degrees if heading_sigma is None else heading_sigma)),
-        )
+        sigmas = _sigmas(sigma, height_sigma, heading_sigma)
         hidden = None if mask is None else _arrays.mask(mask, "mask")
         where = _arrays.pose(T_WC, "T_WC")
         return Located(**self._core.locate(_arrays.image(image, "image"), _arrays.intrinsics(K), where, sigmas, hidden))
+
+    def sequence(self, K: Any, *, masks: bool = False) -> Sequence:
+        """Starts a sequence of frames of one camera. masks: frames may have masks."""
+        return Sequence(self._core, K, masks)
 
     def view(self, T_WC: Any, K: Any, width: int, height: int) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.float32]]:
         """Renders the map from a pose: H x W x 3 uint8 RGB, and H x W metres along the optical axis, 0 without ground."""
@@ -130,6 +180,19 @@ class Map:
         return X, C
 
 
+def _sigmas(
+    sigma: tuple[float, float], height: float | None, heading: float | None
+) -> tuple[float, float, float, float]:
+    """m, m, rad, rad."""
+    metres, degrees = sigma
+    return (
+        float(metres),
+        float(metres if height is None else height),
+        float(np.radians(degrees)),
+        float(np.radians(degrees if heading is None else heading)),
+    )
+
+
 def _mosaic(ortho: Any) -> npt.NDArray[np.uint8]:
     pixels = _arrays.array(ortho, "ortho")
     if pixels.dtype != np.uint8 or pixels.ndim not in (2, 3) or (pixels.ndim == 3 and pixels.shape[2] not in (3, 4)):
@@ -142,7 +205,7 @@ def _mosaic(ortho: Any) -> npt.NDArray[np.uint8]:
     return out
 
 
-def _corner(geotransform: Sequence[float] | None, name: str) -> Corner:
+def _corner(geotransform: Numbers | None, name: str) -> Corner:
     if geotransform is None or len(geotransform) != 6:
         raise _arrays.refuse(f"{name} must have six numbers: left, step, 0, top, 0, -step")
     left, step_x, turn_x, top, turn_y, step_y = (float(x) for x in geotransform)
@@ -151,7 +214,7 @@ def _corner(geotransform: Sequence[float] | None, name: str) -> Corner:
     return left, top, step_x, -step_y
 
 
-def _read(ortho: Any, elevation: Any) -> tuple[Any, Sequence[float], Any, Sequence[float]]:
+def _read(ortho: Any, elevation: Any) -> tuple[Any, Numbers, Any, Numbers]:
     try:
         import rasterio
     except ImportError:

@@ -166,6 +166,29 @@ def test_a_picture_is_located_on_a_map() -> None:
         m.ground(m.locate(np.zeros((240, 320), np.uint8), K, prior, sigma=(1, 1)), K, 320, 240, [[1, 1]])
 
 
+@needs_vulkan
+def test_a_frame_that_the_map_does_not_show_gets_a_pose() -> None:
+    ortho, heights, place, heights_place = make_map()
+    whole = iclk.Map(ortho, heights, place, heights_place, model="classical")
+    hole = np.dstack([ortho, np.full(ortho.shape[:2], 255, np.uint8)])
+    hole[:, 170:] = 0  # from 85 m east on
+    m = iclk.Map(hole, heights, place, heights_place, model="classical")
+    K = (300, 300, 159.5, 119.5)
+    sequence = m.sequence(K)
+    with pytest.raises(ValueError, match="prior"):
+        sequence.locate(np.zeros((240, 320), np.uint8), 0.0)
+    sequence = m.sequence(K)
+    truth = [above(45 + 3 * i, 80, 70) for i in range(20)]
+    for i, T in enumerate(truth):
+        image, _ = whole.view(T, K, 320, 240)
+        pose = sequence.locate(image, 0.1 * i, T if i == 0 else None, sigma=(4, 2))
+        assert pose.known and pose.covariance.shape == (6, 6)
+    poses = sequence.all()
+    assert poses[0].located.converged and not poses[-1].located.converged
+    for pose, T in zip(poses, truth):
+        assert pose.known and np.linalg.norm(pose.T_WC[:3, 3] - T[:3, 3]) < 1
+
+
 def test_a_map_that_cannot_be_is_refused() -> None:
     ortho, heights, place, heights_place = make_map(side=40)
     with pytest.raises(ValueError, match="north up"):

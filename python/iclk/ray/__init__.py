@@ -95,8 +95,8 @@ def locate(
     `iclk locate`. sigma, height_sigma, heading_sigma: as for ``iclk.Map.locate``. workers, cpus, gpus, batch_size: as for
     ``align``.
 
-    A row has id, status, reason, T_WC, covariance, inliers, sigma and model (``iclk.ray._locate.SCHEMA``). A picture that cannot
-    be read has status "error" and a reason.
+    A row has id, status, reason, T_WC, covariance, inliers, sigma and model (``iclk.ray._locate.SCHEMA``). A picture that
+    cannot be read has status "error" and a reason.
     """
     from ._locate import LocateSettings, LocateWorker
 
