@@ -102,8 +102,8 @@ class Map:
 
     ortho: H x W or H x W x 3 (RGB) or x 4 (alpha 0: no data), uint8. elevation: H x W metres, NaN: no data; its grid may be
     another one. Their places are GDAL geotransforms ``(left, step, 0, top, 0, -step)`` in one projected system in metres, with
-    north up. Instead of arrays, both may be paths of GeoTIFFs, which rasterio reads (``pip install 'iclk[maps]'``). model, device:
-    as for ``iclk.Aligner``, but not device "cpu". Raises ValueError for arrays, geotransforms and heights that do not fit
+    north up. Instead of arrays, both may be paths of GeoTIFFs, which rasterio reads (``pip install 'iclk[maps]'``). model,
+    device: as for ``iclk.Aligner``, but not device "cpu". Raises ValueError for arrays, geotransforms and heights that do not fit
     together, and what ``iclk.Aligner`` raises.
     """
 
@@ -218,7 +218,7 @@ def _read(ortho: Any, elevation: Any) -> tuple[Any, Numbers, Any, Numbers]:
     try:
         import rasterio
     except ImportError:
-        raise _arrays.refuse("paths of maps need rasterio (pip install 'iclk[maps]'); or give arrays with geotransforms") from None
+        raise _arrays.refuse("paths of maps need rasterio (pip install 'iclk[maps]'); or give arrays") from None
     with rasterio.open(ortho) as picture, rasterio.open(elevation) as relief:
         if picture.crs != relief.crs or not picture.crs or not picture.crs.is_projected:
             raise _arrays.refuse(f"{ortho} is in {picture.crs}, {elevation} in {relief.crs}: both must be in one projected "
