@@ -103,8 +103,8 @@ class Map:
     ortho: H x W or H x W x 3 (RGB) or x 4 (alpha 0: no data), uint8. elevation: H x W metres, NaN: no data; its grid may be
     another one. Their places are GDAL geotransforms ``(left, step, 0, top, 0, -step)`` in one projected system in metres, with
     north up. Instead of arrays, both may be paths of GeoTIFFs, which rasterio reads (``pip install 'iclk[maps]'``). model,
-    device: as for ``iclk.Aligner``, but not device "cpu". Raises ValueError for arrays, geotransforms and heights that do not fit
-    together, and what ``iclk.Aligner`` raises.
+    device: as for ``iclk.Aligner``, but not device "cpu". Raises ValueError for arrays, geotransforms and heights that do not
+    fit together, and what ``iclk.Aligner`` raises.
     """
 
     def __init__(
