@@ -59,6 +59,8 @@ void add_locate_eval(CLI::App& app, int& exit) {
       ->delimiter(',')
       ->expected(2)
       ->type_name("METRES,DEGREES");
+  command->add_option("--elsewhere", e.elsewhere, "Metres that priors are off in addition: most claims are then wrong")
+      ->type_name("METRES");
   command->add_option("--heading", o->heading, "known or unknown")
       ->check(CLI::IsMember({"known", "unknown"}))
       ->capture_default_str();

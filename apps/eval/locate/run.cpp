@@ -67,6 +67,10 @@ SE3 disturbed(const SE3& truth, const LocateEvalOptions& o, Random& random) {
   SE3 prior = truth;
   prior.t += o.metres * unit_vector(random);
   prior.R = prior.R * turn(o.degrees * kDegree, unit_vector(random));
+  if (o.elsewhere > 0) {
+    const double a = random.uniform(0, 2 * M_PI);
+    prior.t += o.elsewhere * Eigen::Vector3d(std::cos(a), std::sin(a), 0);
+  }
   if (!o.heading) prior.R = turn(random.uniform(0, 2 * M_PI), Eigen::Vector3d::UnitZ()) * prior.R;
   return prior;
 }
@@ -235,7 +239,8 @@ class Run {
 
 void LocateEvalOptions::check() const {
   if (frames < 1 || maps < 1 || maps > frames) refuse("--maps must be at least 1 and at most --frames");
-  if (!(metres >= 0 && degrees >= 0 && texel >= 0)) refuse("--prior and --texel must not be negative");
+  if (!(metres >= 0 && degrees >= 0 && texel >= 0 && elsewhere >= 0))
+    refuse("--prior, --texel and --elsewhere must not be negative");
   if (ortho.empty() != elevation.empty()) refuse("--ortho and --elevation must be given together");
 }
 

@@ -20,6 +20,7 @@ struct LocateEvalOptions {
   bool perfect = false, season = false;
   double texel = 0;                  ///< m; 0: drawn
   double metres = 25, degrees = 15;  ///< that priors are off
+  double elsewhere = 0;              ///< m that priors are off in addition, which their sigma does not know
   bool heading = true;               ///< known as well as the rest of the attitude
   bool peers = false;
   std::string export_to;  ///< a folder for the pairs of a view at the prior and the frame; empty: none
