@@ -23,7 +23,7 @@ class Iclk(ConanFile):
 
     def export_sources(self):
         root = os.path.join(self.recipe_folder, "..", "..")
-        rooms = ("engine", "align", "depth", "refine", "session", "rig", "track", "shaders")
+        rooms = ("engine", "align", "depth", "refine", "session", "rig", "track", "render", "locate", "shaders")
         for room in ("CMakeLists.txt", "LICENSE", "cmake", "include", "models", *rooms):
             pattern = room if os.path.isfile(os.path.join(root, room)) else f"{room}/*"
             copy(self, pattern, root, self.export_sources_folder)
