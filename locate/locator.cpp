@@ -312,8 +312,12 @@ Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
     if (!answer.converged()) return located;
     // T_WV (T_10 Exp(xi))^-1 = T_WC Exp(-A xi), A = Ad(T_10)
     const Matrix6d A = adjoint(answer.T_10);
-    located.covariance =
-        A * answer.covariance * A.transpose() + map_covariance(camera, pair.reference.features, answer, located.T_WC);
+    const Matrix6d of_map = map_covariance(camera, pair.reference.features, answer, located.T_WC);
+    if (of_map.isZero()) {
+      located.status = Status::degenerate, located.reason = "the features leave the pose open to errors of the map";
+      return located;
+    }
+    located.covariance = A * answer.covariance * A.transpose() + of_map;
     if (motion(camera, located.T_WC.inverse() * before, *distance) < options.tolerance) return located;
     if (located.rounds > 1 && settled(located, before)) return located;
   }

@@ -70,7 +70,9 @@ struct SequenceLocator::Impl {
         tracker(session, camera, tracker_options(o)) {}
 
   std::optional<LocatePrior> predicted(double time) const;
-  void track(const LocatorFrame& frame, const Located& located);
+  TrackResult track(const LocatorFrame& frame, const Located& located);
+  void connect(const TrackResult& result);
+  void judge(int frame, Located& located) const;
   void add_motion(int from, int to, const SE3& T_to_from, const Matrix6d& covariance, bool confirmed);
   LocatePrior around(int frame) const;
   bool anchored(int frame) const { return frames[static_cast<size_t>(frame)].located.converged(); }
@@ -135,8 +137,7 @@ void SequenceLocator::Impl::add_motion(int from, int to, const SE3& T_to_from, c
   graph.motion({from, to, T_to_from, C});
 }
 
-void SequenceLocator::Impl::track(const LocatorFrame& frame, const Located& located) {
-  const int now = graph.size() - 1;
+TrackResult SequenceLocator::Impl::track(const LocatorFrame& frame, const Located& located) {
   View view;
   TrackFrame next{frame.time, frame.image, {}, frame.mask};
   if (located.converged()) {
@@ -144,7 +145,12 @@ void SequenceLocator::Impl::track(const LocatorFrame& frame, const Located& loca
     next.depth = view.depth_image();
     distance = mean_depth(view);
   }
-  const TrackResult result = tracker.track(next);
+  return tracker.track(next);
+}
+
+/// Adds the motion to the newest frame.
+void SequenceLocator::Impl::connect(const TrackResult& result) {
+  const int now = graph.size() - 1;
   if (result.before) frame_of_keyframe[result.before->keyframe] = now - 1;
   if (result.status == TrackStatus::lost) return;
   if (result.status == TrackStatus::keyframe) {
@@ -158,16 +164,25 @@ void SequenceLocator::Impl::track(const LocatorFrame& frame, const Located& loca
   add_motion(frame_of_keyframe.at(result.keyframe), now, result.T_CK, result.covariance, result.confirmed);
 }
 
+/// Drops a pose on the map that the motion contradicts.
+void SequenceLocator::Impl::judge(int frame, Located& located) const {
+  if (!located.converged() || graph.surprise(frame) <= options.contradiction) return;
+  located.status = Status::diverged;
+  located.reason = "the motion between frames contradicts the pose on the map";
+}
+
 SequencePose SequenceLocator::Impl::locate(const LocatorFrame& frame) {
   if (frame.prior) prior = frame.prior;
-  std::optional<LocatePrior> where = predicted(frame.time);
+  const bool follows = graph.size() > 0 && graph.known(graph.size() - 1);
+  std::optional<LocatePrior> where = follows || !frame.prior ? predicted(frame.time) : frame.prior;
   if (!where) where = prior;
   if (!where) throw Error(ErrorCode::invalid_argument, "the first frame of a sequence needs a prior");
   SequencePose pose;
   pose.time = frame.time;
   pose.located = locator.locate(frame.image, camera, *where, frame.mask);
+  const TrackResult motion = track(frame, pose.located);  // may throw: the graph changes afterwards
   const int now = graph.add();
-  track(frame, pose.located);
+  connect(motion);
   graph.solve(graph.anchored_before(options.anchors), now);
   if (!pose.located.converged() && graph.known(now)) {
     const LocatePrior second = around(now);
@@ -178,6 +193,7 @@ SequencePose SequenceLocator::Impl::locate(const LocatorFrame& frame) {
   if (pose.located.converged()) {
     graph.anchor(now, pose.located.T_WC, pose.located.covariance);
     graph.solve(graph.anchored_before(options.anchors), now);
+    judge(now, pose.located);
   }
   pose.known = graph.known(now);
   frames.push_back(pose);
@@ -199,10 +215,7 @@ std::vector<SequencePose> SequenceLocator::all() {
   for (int i = 0; i < s.graph.size(); ++i) {
     SequencePose& pose = s.frames[static_cast<size_t>(i)];
     pose.known = s.graph.known(i);
-    if (pose.located.converged() && s.graph.surprise(i) > s.options.contradiction) {
-      pose.located.status = Status::diverged;
-      pose.located.reason = "the motion between frames contradicts the pose on the map";
-    }
+    s.judge(i, pose.located);
   }
   for (int i = 0; i < s.graph.size(); ++i)
     if (SequencePose& pose = s.frames[static_cast<size_t>(i)]; pose.known)

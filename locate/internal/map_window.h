@@ -20,7 +20,6 @@ class MapWindow {
   /// After cover() only.
   TerrainRenderer& renderer() { return *renderer_; }
   const Terrain& terrain() const { return *terrain_; }
-  double median_height() const { return median_; }  ///< m, of the window
 
  private:
   bool find_ground(const Eigen::Vector3d& at, double spread);

@@ -220,9 +220,13 @@ def _read(ortho: Any, elevation: Any) -> tuple[Any, Numbers, Any, Numbers]:
     except ImportError:
         raise _arrays.refuse("paths of maps need rasterio (pip install 'iclk[maps]'); or give arrays") from None
     with rasterio.open(ortho) as picture, rasterio.open(elevation) as relief:
-        if picture.crs != relief.crs or not picture.crs or not picture.crs.is_projected:
-            raise _arrays.refuse(f"{ortho} is in {picture.crs}, {elevation} in {relief.crs}: both must be in one projected "
-                                 "system; `iclk locate` takes others")
+        for path, crs in ((ortho, picture.crs), (elevation, relief.crs)):
+            metric = crs and crs.is_projected and crs.linear_units_factor[1] == 1 and crs.to_dict().get("proj") != "merc"
+            if not metric or crs != picture.crs:
+                raise _arrays.refuse(f"{path} is in {crs}: both maps must be in one projected system with metres on the "
+                                     "ground; `iclk locate` takes others")
+        if relief.units[0] not in (None, "", "m", "metre", "meter", "metres", "meters"):
+            raise _arrays.refuse(f"{elevation} has heights in {relief.units[0]!r}; convert them to metres")
         bands = np.moveaxis(picture.read(range(1, min(picture.count, 3) + 1)), 0, -1)
         pixels = np.dstack([np.broadcast_to(bands, (*bands.shape[:2], 3)), picture.dataset_mask()])
         heights = relief.read(1, masked=True).astype(np.float64) * relief.scales[0] + relief.offsets[0]

@@ -258,7 +258,6 @@ def test_help_needs_no_ray_and_the_rest_says_what_is_missing(tmp_path: Path) -> 
 
 
 @needs_ray
-@pytest.mark.skipif(find_spec("rasterio") is None, reason="not installed: rasterio")
 @needs_vulkan
 def test_pictures_are_located(tmp_path: Path) -> None:
     import rasterio

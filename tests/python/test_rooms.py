@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import iclk
 import numpy as np
 import pytest
+import rasterio
 from conftest import Scene, make_scene, needs_vulkan, pose
 
 
@@ -167,6 +170,35 @@ def test_a_picture_is_located_on_a_map() -> None:
 
 
 @needs_vulkan
+def test_map_files_whose_units_are_no_metres_are_refused(tmp_path: Path) -> None:
+    ortho, heights, place, heights_place = make_map(side=40)
+
+    def write(name: str, bands: np.ndarray, where: tuple[float, ...], crs: str, unit: str = "") -> str:
+        size = {"count": bands.shape[0], "height": bands.shape[1], "width": bands.shape[2], "dtype": bands.dtype}
+        transform = rasterio.Affine.from_gdal(*where)
+        with rasterio.open(tmp_path / name, "w", driver="GTiff", crs=crs, transform=transform, **size) as file:
+            file.write(bands)
+            if unit:
+                file.units = [unit]
+        return str(tmp_path / name)
+
+    def files(crs: str, other: str = "", unit: str = "") -> tuple[str, str]:
+        return (write("ortho.tif", np.moveaxis(ortho, -1, 0), place, crs),
+                write("dsm.tif", heights[None].astype(np.float32), heights_place, other or crs, unit))
+
+    iclk.Map(*files("EPSG:32633"), model="classical")
+    for crs, other, unit, words in (
+        ("EPSG:3857", "", "", "metres"),
+        ("EPSG:2263", "", "", "metres"),
+        ("EPSG:4326", "", "", "4326"),
+        ("EPSG:32633", "EPSG:32632", "", "32632"),
+        ("EPSG:32633", "", "ft", "'ft'"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            iclk.Map(*files(crs, other, unit))
+
+
+@needs_vulkan
 def test_a_frame_that_the_map_does_not_show_gets_a_pose() -> None:
     ortho, heights, place, heights_place = make_map()
     whole = iclk.Map(ortho, heights, place, heights_place, model="classical")
@@ -183,7 +215,10 @@ def test_a_frame_that_the_map_does_not_show_gets_a_pose() -> None:
         image, _ = whole.view(T, K, 320, 240)
         pose = sequence.locate(image, 0.1 * i, T if i == 0 else None, sigma=(4, 2))
         assert pose.known and pose.covariance.shape == (6, 6)
+        with pytest.raises(ValueError, match="come after"):
+            sequence.locate(image, 0.1 * i)  # changes nothing
     poses = sequence.all()
+    assert len(poses) == len(truth)
     assert poses[0].located.converged and not poses[-1].located.converged
     for pose, T in zip(poses, truth):
         assert pose.known and np.linalg.norm(pose.T_WC[:3, 3] - T[:3, 3]) < 1
