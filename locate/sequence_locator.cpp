@@ -72,7 +72,7 @@ struct SequenceLocator::Impl {
   std::optional<LocatePrior> predicted(double time) const;
   TrackResult track(const LocatorFrame& frame, const Located& located);
   void connect(const TrackResult& result);
-  void judge(int frame, Located& located) const;
+  bool drop(int frame, Located& located);
   void add_motion(int from, int to, const SE3& T_to_from, const Matrix6d& covariance, bool confirmed);
   LocatePrior around(int frame) const;
   bool anchored(int frame) const { return frames[static_cast<size_t>(frame)].located.converged(); }
@@ -164,11 +164,13 @@ void SequenceLocator::Impl::connect(const TrackResult& result) {
   add_motion(frame_of_keyframe.at(result.keyframe), now, result.T_CK, result.covariance, result.confirmed);
 }
 
-/// Drops a pose on the map that the motion contradicts.
-void SequenceLocator::Impl::judge(int frame, Located& located) const {
-  if (!located.converged() || graph.surprise(frame) <= options.contradiction) return;
+/// Drops a pose on the map that the motion contradicts. Returns whether it did.
+bool SequenceLocator::Impl::drop(int frame, Located& located) {
+  if (!located.converged() || graph.surprise(frame) <= options.contradiction) return false;
   located.status = Status::diverged;
   located.reason = "the motion between frames contradicts the pose on the map";
+  graph.trust(frame, false);
+  return true;
 }
 
 SequencePose SequenceLocator::Impl::locate(const LocatorFrame& frame) {
@@ -193,7 +195,7 @@ SequencePose SequenceLocator::Impl::locate(const LocatorFrame& frame) {
   if (pose.located.converged()) {
     graph.anchor(now, pose.located.T_WC, pose.located.covariance);
     graph.solve(graph.anchored_before(options.anchors), now);
-    judge(now, pose.located);
+    if (drop(now, pose.located)) graph.solve(graph.anchored_before(options.anchors), now);
   }
   pose.known = graph.known(now);
   frames.push_back(pose);
@@ -211,15 +213,14 @@ SequencePose SequenceLocator::locate(const LocatorFrame& frame) { return impl_->
 
 std::vector<SequencePose> SequenceLocator::all() {
   Impl& s = *impl_;
+  s.graph.solve(0, s.graph.size());
+  for (int i = 0; i < s.graph.size(); ++i) s.drop(i, s.frames[static_cast<size_t>(i)].located);
   s.graph.solve(0, 0);
   for (int i = 0; i < s.graph.size(); ++i) {
     SequencePose& pose = s.frames[static_cast<size_t>(i)];
     pose.known = s.graph.known(i);
-    s.judge(i, pose.located);
+    if (pose.known) pose.T_WC = s.graph.pose(i), pose.covariance = s.covariance(i);
   }
-  for (int i = 0; i < s.graph.size(); ++i)
-    if (SequencePose& pose = s.frames[static_cast<size_t>(i)]; pose.known)
-      pose.T_WC = s.graph.pose(i), pose.covariance = s.covariance(i);
   return s.frames;
 }
 

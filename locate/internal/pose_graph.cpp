@@ -25,7 +25,6 @@ int PoseGraph::add() {
 
 void PoseGraph::anchor(int frame, const SE3& T_WC, const Matrix6d& covariance) {
   nodes_[static_cast<size_t>(frame)].anchor = BundleEdge{frame, -1, T_WC, covariance};
-  anchored_.push_back(frame);
 }
 
 void PoseGraph::motion(const BundleEdge& edge) {
@@ -34,8 +33,9 @@ void PoseGraph::motion(const BundleEdge& edge) {
 }
 
 int PoseGraph::anchored_before(int count) const {
-  const int n = static_cast<int>(anchored_.size());
-  return count > n ? 0 : anchored_[static_cast<size_t>(n - count)];
+  for (int i = size() - 1; i > 0; --i)
+    if (node(i).anchored() && --count == 0) return i;
+  return 0;
 }
 
 double PoseGraph::surprise(int frame) const {
@@ -53,7 +53,7 @@ std::vector<int> PoseGraph::involved(int first) const {
   while (!open.empty()) {
     const int i = open.front();
     open.pop_front();
-    if (i < first && node(i).anchor) continue;
+    if (i < first && node(i).anchored()) continue;
     for (const size_t e : node(i).edges) {
       const int j = other_end(edges_[e], i);
       if (!taken[static_cast<size_t>(j)]) taken[static_cast<size_t>(j)] = true, open.push_back(j);
@@ -76,7 +76,7 @@ std::vector<int> PoseGraph::connect(const std::vector<int>& frames) {
     open.push_back(i);
   };
   for (const int i : frames)
-    if (node(i).anchor) reach(i, node(i).anchor->T_to_from);
+    if (node(i).anchored()) reach(i, node(i).anchor->T_to_from);
   while (!open.empty()) {
     const int i = open.front();
     open.pop_front();
@@ -107,13 +107,13 @@ void PoseGraph::solve(int first, int last) {
   ceres::Problem problem;
   for (PoseBlock& b : blocks) problem.AddParameterBlock(b.data(), 12, new PoseManifold);
   problem.SetParameterBlockConstant(blocks.back().data());
-  const auto add = [&](const BundleEdge& edge, double* to) {
-    problem.AddResidualBlock(new EdgeCost(edge), new ceres::CauchyLoss(kLoss), block(edge.from), to);
+  const auto add = [&](const BundleEdge& edge, double* to, ceres::LossFunction* loss) {
+    problem.AddResidualBlock(new EdgeCost(edge), loss, block(edge.from), to);
   };
   for (const int i : frames) {
-    if (node(i).anchor) add(*node(i).anchor, blocks.back().data());
+    if (node(i).anchored()) add(*node(i).anchor, blocks.back().data(), new ceres::CauchyLoss(kLoss));
     for (const size_t e : node(i).edges)
-      if (edges_[e].to == i && slot(edges_[e].from) >= 0) add(edges_[e], block(i));
+      if (edges_[e].to == i && slot(edges_[e].from) >= 0) add(edges_[e], block(i), nullptr);
   }
   ceres::Solver::Options options = solver_options(kIterations);
   options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;

@@ -97,6 +97,49 @@ TEST_F(Sequences, FramesWithoutAMapKeepAPose) {
   EXPECT_LT(sum / in_gap, 12) << "the covariance is that of the errors";
 }
 
+/// The ground, but what lies from x `left` to `right` is shown `by` metres further north, with its heights.
+std::shared_ptr<const Terrain> with_shift(double left, double right, double by) {
+  auto map = std::make_shared<Terrain>(*ground());
+  const auto shift = [&](const Grid& grid, const auto& from, auto& to) {
+    const int rows = static_cast<int>(std::lround(by / grid.step_y));
+    for (int v = 0; v + rows < grid.height; ++v)
+      for (int u = 0; u < grid.width; ++u) {
+        const double x = grid.left + (u + 0.5) * grid.step_x;
+        const auto at = [&](int row) {
+          return static_cast<size_t>(row) * static_cast<size_t>(grid.width) + static_cast<size_t>(u);
+        };
+        if (x > left && x < right) to[at(v)] = from[at(v + rows)];
+      }
+  };
+  shift(map->mosaic, ground()->rgba, map->rgba);
+  shift(map->relief, ground()->height, map->height);
+  return map;
+}
+
+/// A part of the map is wrong, and right in itself: frames that see nothing else fit it.
+TEST_F(Sequences, PosesThatContradictTheMotionAreDropped) {
+  Locator locator(test::device(), with_shift(140, 240, 6), classical());
+  SequenceLocator sequence(locator, kCamera);
+  TerrainRenderer renderer(test::device(), ground(), {.samples = 1});
+  int alone = 0;
+  std::vector<SequencePose> live;
+  for (int i = 0; i < 28; ++i) {
+    const View view = renderer.render(kCamera, pose_at(i));
+    LocatorFrame frame{0.1 * i, view.image(), {}, {}};
+    if (i == 0) frame.prior = LocatePrior{pose_at(0), 5, 5, 0.05, 0.1};
+    live.push_back(sequence.locate(frame));
+    if (i < 20) continue;
+    const Located single = locator.locate(view.image(), kCamera, {pose_at(i), 5, 5, 0.05, 0.1});
+    alone += single.converged() && (single.T_WC.t - pose_at(i).t).norm() > 3;
+  }
+  EXPECT_GT(alone, 3) << "frames that are wrong alone";
+  for (const std::vector<SequencePose>& poses : {live, sequence.all()})
+    for (size_t i = 0; i < poses.size(); ++i) {
+      if (!poses[i].located.converged()) continue;
+      EXPECT_LT((poses[i].T_WC.t - pose_at(static_cast<int>(i)).t).norm(), 1) << i << ' ' << poses[i].located.reason;
+    }
+}
+
 TEST_F(Sequences, TheFirstFrameNeedsAPrior) {
   Locator locator(test::device(), ground(), classical());
   SequenceLocator sequence(locator, kCamera);
