@@ -4,6 +4,7 @@ import os
 import matplotlib
 import numpy as np
 from PIL import Image
+from quaternions import rotation
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
@@ -138,10 +139,7 @@ def look(position, at):
 
 def rotations(q):
     """Matrices of quaternions x y z w."""
-    x, y, z, w = q.T
-    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-                     [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-                     [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]]).transpose(2, 0, 1)
+    return np.array(rotation(q.T)).transpose(2, 0, 1)
 
 
 def closest(source, target):
