@@ -15,8 +15,8 @@ struct LocateEvalCommand {
 };
 
 const char* const kLocateEvalFooter =
-    "Frames are rendered from ground; the map that locates them is a degraded copy of it: coarser, with noise, seams, other\n"
-    "light, missing houses, cars and a cloud, drawn from --seed. Priors are off by a fixed distance and angle.\n"
+    "Frames are rendered from ground, and located on a degraded copy of it: coarser, with noise, seams, other light, missing\n"
+    "houses, cars and a cloud, drawn from --seed. Priors are off by a fixed distance and angle.\n"
     "  texels  mean distance on the ground between where the pixels are and where the pose puts them, in texels of the mosaic\n"
     "  wrong   converged, and more than 3 texels off\n"
     "  over 2° converged, and turned by more than 2 degrees: a shift of the camera then hides the turn on the ground\n"

@@ -66,7 +66,7 @@ class Chain {
 void locate_sequence(const LocateRun& run, const std::vector<LocateFrame>& frames, LocateFrames& pictures,
                      const MapSystem& system, Locator& locator, LocatedJournal& journal,
                      const std::function<void(const ProgressState&)>& progress, LocateReport& report) {
-  journal.clear();  // the motion before a stop is not known any more
+  journal.clear();  // the motion before a stop is unknown
   ProgressState state{.unit = "frames", .bad = "without a pose"};
   state.total = static_cast<int>(frames.size());
   const internal::Stopwatch time;
