@@ -72,6 +72,7 @@ struct SequenceLocator::Impl {
   std::optional<LocatePrior> predicted(double time) const;
   TrackResult track(const LocatorFrame& frame, const Located& located);
   void connect(const TrackResult& result);
+  int frame_at(double time) const;
   bool drop(int frame, Located& located);
   void add_motion(int from, int to, const SE3& T_to_from, const Matrix6d& covariance, bool confirmed);
   LocatePrior around(int frame) const;
@@ -148,10 +149,16 @@ TrackResult SequenceLocator::Impl::track(const LocatorFrame& frame, const Locate
   return tracker.track(next);
 }
 
+int SequenceLocator::Impl::frame_at(double time) const {
+  return static_cast<int>(
+      std::lower_bound(frames.begin(), frames.end(), time, [](const SequencePose& f, double t) { return f.time < t; }) -
+      frames.begin());
+}
+
 /// Adds the motion to the newest frame.
 void SequenceLocator::Impl::connect(const TrackResult& result) {
   const int now = graph.size() - 1;
-  if (result.before) frame_of_keyframe[result.before->keyframe] = now - 1;
+  if (result.before) frame_of_keyframe[result.before->keyframe] = frame_at(result.before->time);
   if (result.status == TrackStatus::lost) return;
   if (result.status == TrackStatus::keyframe) {
     frame_of_keyframe[result.keyframe] = now;

@@ -30,8 +30,13 @@ void archive(Stream& s, Keyframe::Seed& seed) {
 }
 
 template <class Stream>
+void archive(Stream& s, Place& p) {
+  archive_all(s, p.T_WC, p.map);
+}
+
+template <class Stream>
 void archive(Stream& s, Keyframe& k) {
-  archive_all(s, k.id, k.slot, k.time, k.sharpness, k.T_WC, k.turn, k.turn_sigma, k.seen_turn, k.features.uv,
+  archive_all(s, k.id, k.slot, k.map, k.time, k.sharpness, k.T_WC, k.turn, k.turn_sigma, k.seen_turn, k.features.uv,
               k.features.inverse_depth, k.features.inverse_depth_sigma, k.measured, k.sigma, k.with_depth, k.seeds, k.pixels,
               k.origin, k.sightings);
 }
@@ -50,7 +55,7 @@ void archive(Stream& s, Unroller::State::Turned& t) {
 
 namespace {
 
-constexpr uint64_t kMagic = 0x34304b4c43494b54;  // changes with the contents of a state
+constexpr uint64_t kMagic = 0x35304b4c43494b54;  // changes with the contents of a state
 
 /// FNV-1a, 64 bits.
 uint64_t checksum(std::span<const uint8_t> bytes) {
@@ -60,13 +65,14 @@ uint64_t checksum(std::span<const uint8_t> bytes) {
 }
 
 template <class Stream>
-void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyframe>& held, std::vector<SE3>& poses) {
+void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyframe>& held, std::vector<internal::Place>& places,
+                     int& map) {
   internal::Motion& motion = m.motion;
   internal::Unroller::State& turn = m.unroller.state;
-  internal::archive_all(s, held, poses, m.locator.state.current, motion.last, m.previous.pixels, m.previous.rate,
+  internal::archive_all(s, held, places, map, m.locator.state.current, motion.last, m.previous.pixels, m.previous.rate,
                         m.previous.origin, motion.velocity, motion.seconds, turn.rate, turn.bent.turn, turn.bent.sigma,
-                        turn.bent.seen, turn.turned, motion.lost, m.map, m.frames_tracked, m.frames_lost,
-                        m.locator.state.next_tried, m.last_time);
+                        turn.bent.seen, turn.turned, motion.lost, m.unplaced, m.maps, m.frames_lost, m.locator.state.next_tried,
+                        m.places.state.next_tried, m.last_time);
   turn.changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
   turn.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
 }
@@ -78,8 +84,9 @@ std::vector<uint8_t> Tracker::state() const {
   internal::Writer writer;
   uint64_t magic = kMagic, sum = 0;
   internal::archive_all(writer, magic, sum, m.camera.width, m.camera.height, m.options.keyframes);
-  std::vector<SE3> poses = m.keyframes.poses();
-  archive_tracker(writer, m, m.keyframes.all(), poses);
+  std::vector<internal::Place> places = m.keyframes.places();
+  int map = m.keyframes.current_map();
+  archive_tracker(writer, m, m.keyframes.all(), places, map);
   sum = checksum(std::span(writer.bytes).subspan(2 * sizeof(uint64_t)));
   std::memcpy(writer.bytes.data() + sizeof(magic), &sum, sizeof(sum));
   return std::move(writer.bytes);
@@ -101,16 +108,18 @@ void Tracker::restore(std::span<const uint8_t> state) {
           "the saved tracker state is for another camera or number of keyframes");
   auto fresh = std::make_unique<Impl>(m.aligner, m.camera, m.options);
   std::map<int, internal::Keyframe> held;
-  std::vector<SE3> poses;
-  archive_tracker(reader, *fresh, held, poses);
+  std::vector<internal::Place> places;
+  int map = 0;
+  archive_tracker(reader, *fresh, held, places, map);
   require(reader.left() == 0, "the saved tracker state is too long");
-  fresh->keyframes.restore(std::move(held), std::move(poses));
+  fresh->keyframes.restore(std::move(held), std::move(places), map);
   try {
     for (const auto& [id, k] : fresh->keyframes.all()) fresh->keyframes.prepare(k);
   } catch (...) {
     for (const auto& [id, k] : m.keyframes.all()) m.keyframes.prepare(k);  // their slots were overwritten
     throw;
   }
+  fresh->learned = std::move(m.learned);
   impl_ = std::move(fresh);
 }
 

@@ -85,7 +85,7 @@ void TrackerOptions::check() const {
 
 Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
   Plan plan{.width = camera.width, .height = camera.height, .max_features = options.features};
-  plan.max_references = options.keyframes;
+  plan.max_references = options.keyframes + 1;  // and the frame that may begin a map
   plan.max_pairs = 2 * options.window;
   const bool masks = options.masks || options.readout != 0;  // unrolled images have pixels without a source
   plan.format = masks ? PixelFormat::rgba8 : PixelFormat::r8;
@@ -102,6 +102,7 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
       keyframes(aligner, camera, options.keyframes),
       unroller(camera, options, judge, refiner),
       locator(camera, judge, refiner, keyframes, aligner.plan().max_pairs),
+      places(camera, judge, refiner, keyframes, aligner.plan().max_pairs),
       window(camera, judge, refiner, keyframes, options.window),
       seeder(camera, this->options, judge) {}
 
@@ -112,7 +113,7 @@ TrackResult Tracker::Impl::track(const TrackFrame& given) {
   Frame frame(given);
   TrackResult result;
   result.time = given.time;
-  result.map = map;
+  result.map = keyframes.current_map();
   if (keyframes.empty()) return begin(frame, std::move(result));
   const internal::Stopwatch watch;
   unroller.unroll(frame);                              // 1
@@ -122,12 +123,13 @@ TrackResult Tracker::Impl::track(const TrackFrame& given) {
   if (!found) return lose(frame, std::move(result));
   internal::Keyframe& k = *keyframes.find(found->keyframe);
   locator.state.current = k.id;
+  keyframes.enter(k.map);
   tell(*found, k, result);
   unroller.learn(frame, k, *found, motion, result.T_WC);
   const TrackResult::Origin origin{k.id, result.T_CK, found->confirmed, result.covariance};
   if (judge.becomes_keyframe(frame, k, *found, result.T_WC, previous.pixels.frame(camera))) {  // 4
     unroller.straighten(frame);
-    make_keyframe(frame, result.T_WC, origin, &*found, result);
+    if (make_keyframe(frame, result.T_WC, origin, &*found, result) && !motion.lost) join_maps(keyframes.newest(), result);  // 6
   }
   if (result.status == TrackStatus::tracked && found->confirmed) look_for_seeds(k, frame, found->alignment, result);  // 5
   keep(given, frame.rate, origin, result.T_WC);
@@ -150,10 +152,8 @@ TrackResult Tracker::Impl::begin(Frame& frame, TrackResult result) {
     result.reason = "no frame with depth and texture yet";
     return result;
   }
-  result.reason =
-      map == 0 ? "the first keyframe" : "a new map: the camera was lost for longer than the last map had tracked it";
+  result.reason = "the first keyframe";
   result.confirmed = true;
-  frames_tracked = 0;
   keep(frame.seen(), Eigen::Vector3d::Zero(), {}, result.T_WC);
   return result;
 }
@@ -170,9 +170,64 @@ std::optional<internal::Found> Tracker::Impl::locate(Frame& frame, TrackResult& 
     if (make_previous_keyframe(result))  // the most similar frame
       if (auto found = locator.try_current(seen, motion, search)) return found;
     if (auto found = locator.credible(search, kAtAll)) return found;
+    return align_learned(seen, search.expected);
   }
   result.searched = true;
-  return locator.relocalise(seen, motion.last->T_WC);
+  if (auto found = locator.relocalise(seen, motion.last->T_WC)) return found;
+  if (auto found = align_learned(seen, motion.last->T_WC)) return found;
+  return follow_unplaced(seen, result);
+}
+
+std::optional<internal::Found> Tracker::Impl::align_learned(const TrackFrame& frame, const SE3& expected) {
+  const bool due = (frames_lost & (frames_lost - 1)) == 0;  // less and less often while the camera is lost
+  const internal::Keyframe* current = keyframes.find(locator.state.current);
+  return learned && due && current ? learned->find(frame, *current, expected) : std::nullopt;
+}
+
+std::optional<internal::Found> Tracker::Impl::follow_unplaced(const TrackFrame& frame, TrackResult& result) {
+  if (!unplaced) return {};
+  Frame before(unplaced->frame(camera));
+  auto a = align_with_unplaced(
+      frame, {.image = before.seen().image, .camera = camera, .features = measure(before), .inverse_depth = {}});
+  if (!a) return {};
+  const int old = keyframes.current_map();
+  keyframes.enter(maps);
+  TrackResult made;
+  if (!make_keyframe(before, {}, {}, nullptr, made)) {
+    keyframes.enter(old);
+    return {};
+  }
+  ++maps;
+  unroller.begin();
+  motion.last = internal::Motion::Last{before.given.time, {}};
+  result.map = keyframes.current_map();
+  result.before = TrackResult::Before{made.keyframe, before.given.time};
+  return Found{made.keyframe, std::move(*a)};
+}
+
+std::optional<RefinedAlignment> Tracker::Impl::align_with_unplaced(const TrackFrame& frame, const Reference& unplaced_frame) {
+  const int spare = options.keyframes;
+  aligner.set_reference(spare, unplaced_frame);
+  for (const bool search : {false, true}) {
+    RefinedAlignment a = refiner.align({spare, frame.image, {}, {}, search, frame.mask});
+    if (judge.confirmed(a)) return a;
+  }
+  return {};
+}
+
+void Tracker::Impl::join_maps(internal::Keyframe& k, TrackResult& result) {
+  const int here = keyframes.current_map();
+  const auto link = places.find_in_other_maps(k, previous.pixels.frame(camera), motion.last->T_WC);
+  if (!link) return;
+  const internal::Keyframe& other = *keyframes.find(link->from);
+  const int there = other.map;
+  const SE3 T_there_here = other.T_WC * (k.T_WC * link->T_to_from).inverse();
+  if (here < there) return keyframes.join(there, here, T_there_here.inverse());
+  keyframes.join(here, there, T_there_here);
+  result.map = there;
+  result.T_WC = k.T_WC;
+  motion.last->T_WC = T_there_here * motion.last->T_WC;
+  if (auto& turned = unroller.state.turned) turned->T_WC_before = T_there_here * turned->T_WC_before;
 }
 
 bool Tracker::Impl::make_previous_keyframe(TrackResult& result) {
@@ -190,10 +245,9 @@ TrackResult Tracker::Impl::lose(Frame& frame, TrackResult result) {
   result.reason = "not found at the predicted pose, nor by a search among " + std::to_string(keyframes.size()) + " keyframes";
   motion.lose();
   unroller.lose();
-  if (++frames_lost <= frames_tracked || measure(frame).size() < least_features()) return result;
-  keyframes.forget();
-  result.map = ++map;
-  return begin(frame, std::move(result));
+  ++frames_lost;
+  if (measure(frame).size() >= least_features()) unplaced.emplace().keep(frame.given);
+  return result;
 }
 
 const Features& Tracker::Impl::measure(Frame& frame) const {
@@ -263,7 +317,7 @@ void Tracker::Impl::look_for_seeds(internal::Keyframe& k, Frame& frame, const Re
 void Tracker::Impl::keep(const TrackFrame& pixels, const Eigen::Vector3d& rate,
                          const std::optional<TrackResult::Origin>& origin, const SE3& T_WC) {
   motion.add(pixels.time, T_WC);
-  ++frames_tracked;
+  unplaced.reset();
   frames_lost = 0;
   previous.pixels.keep(pixels);
   previous.rate = rate;
@@ -276,6 +330,11 @@ Tracker::Tracker(const Session& session, const Camera& camera, const TrackerOpti
   if (session.stages().front().model) needed.format = PixelFormat::rgba8;
   own_ = session.make_aligner(needed);
   impl_ = std::make_unique<Impl>(*own_, camera, options);
+  if (session.stages().size() == 1) return;
+  SessionOptions later = session.options();
+  later.stages.assign(session.stages().begin() + 1, session.stages().end());
+  later.refiner = for_tracking();
+  impl_->learned.emplace(camera, impl_->judge, std::move(later), session.context());
 }
 
 Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options) {
@@ -291,8 +350,9 @@ Tracker::Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& o
 Tracker::~Tracker() = default;
 
 TrackResult Tracker::track(const TrackFrame& frame) { return impl_->track(frame); }
-int Tracker::keyframe_count() const { return static_cast<int>(impl_->keyframes.poses().size()); }
-const SE3& Tracker::keyframe_pose(int id) const { return impl_->keyframes.poses().at(static_cast<size_t>(id)); }
+int Tracker::keyframe_count() const { return static_cast<int>(impl_->keyframes.places().size()); }
+const SE3& Tracker::keyframe_pose(int id) const { return impl_->keyframes.places().at(static_cast<size_t>(id)).T_WC; }
+int Tracker::keyframe_map(int id) const { return impl_->keyframes.places().at(static_cast<size_t>(id)).map; }
 
 std::vector<MapPoint> Tracker::map() const {
   std::vector<MapPoint> out;
@@ -301,7 +361,7 @@ std::vector<MapPoint> Tracker::map() const {
     for (size_t i = 0; i < k.features.uv.size(); ++i) {
       const Eigen::Vector2d& uv = k.features.uv[i];
       const Eigen::Vector3d X = k.T_WC * (impl_->camera.ray(uv) / k.features.inverse_depth[i]);
-      out.push_back({id, uv, X, grey.bilinear(uv.x(), uv.y())});
+      out.push_back({id, k.map, uv, X, grey.bilinear(uv.x(), uv.y())});
     }
   }
   return out;

@@ -55,7 +55,7 @@ struct TrackResult {
   TrackStatus status = TrackStatus::lost;
   bool confirmed = false;  ///< true: the features confirm the pose, which is refined; false: a weaker pose, from ICLK alone
   std::string reason;      ///< that of the alignment, or why there is none
-  int map = 0;             ///< poses of different maps are unrelated
+  int map = 0;             ///< poses of different maps are unrelated; by present knowledge: Tracker::keyframe_map()
   int keyframe = 0;        ///< the one that the frame was aligned with; for a keyframe, the frame itself
   SE3 T_CK;                ///< camera of that keyframe to this camera; it is final, but the keyframe's pose may still change
   SE3 T_WC;                ///< this camera to the map, by present knowledge; for a lost frame, the last known pose
@@ -70,7 +70,8 @@ struct TrackResult {
   std::optional<Origin> origin;                ///< empty for the first keyframe of a map
   int features = 0, visible = 0, inliers = 0;  ///< of that alignment
   double sigma = 0;                            ///< px, of its residuals
-  /// The last tracked frame, if it became a keyframe now because this frame could not be aligned with older keyframes.
+  /// An earlier frame that became a keyframe now, because this frame could not be aligned with older keyframes: the last
+  /// tracked frame; or the last lost one, which begins a map.
   struct Before {
     int keyframe = 0;
     double time = 0;
@@ -83,6 +84,7 @@ struct TrackResult {
 /// A feature of a keyframe in memory.
 struct MapPoint {
   int keyframe = 0;
+  int map = 0;
   Eigen::Vector2d uv;  ///< px, in the keyframe
   Eigen::Vector3d X;   ///< in the map, by present knowledge
   double grey = 0;     ///< of its pixel, [0, 1]
@@ -99,16 +101,17 @@ struct Readout {
 /// newest keyframes. The first frame with depth and texture is the origin of the map.
 ///
 /// A frame whose alignment does not converge is lost; its pose is never guessed. Each later frame is then aligned with some of
-/// the keyframes. The tracker starts a new map if it has lost more frames than the map tracked. This replaces maps that
-/// began with a blurred frame. TrackerOptions::keyframes bounds the memory, except for one pose per keyframe ever made. One
-/// thread at a time.
+/// the keyframes, and with the frame before it. If only the latter succeeds, a new map begins with the frame before. Two maps
+/// become one when a keyframe of one is found in the other. TrackerOptions::keyframes bounds the memory, except for one pose
+/// per keyframe ever made. One thread at a time.
 class Tracker {
  public:
   /// The plan that the aligner of a tracker must have. Its options need AlignerOptions::search, or the tracker cannot find lost
   /// frames. With a model, set the format to rgba8.
   static Plan plan(const Camera& camera, const TrackerOptions& options);
 
-  /// Makes an aligner of the session's first model for plan(). The session need not outlive the tracker. Throws
+  /// Makes an aligner of the session's first model for plan(). The other models of the session place the frames that the first
+  /// one cannot place. The session need not outlive the tracker. Throws
   /// Error(invalid_argument) for bad options, and the errors of Session::make_aligner().
   Tracker(const Session& session, const Camera& camera, const TrackerOptions& options = {});
   /// `aligner` must outlive the tracker, and only the tracker may use its slots. Throws Error(invalid_argument) for bad options
@@ -122,6 +125,7 @@ class Tracker {
 
   int keyframe_count() const;              ///< of all keyframes ever made
   const SE3& keyframe_pose(int id) const;  ///< T_WC, by present knowledge
+  int keyframe_map(int id) const;          ///< its map, by present knowledge
   std::vector<MapPoint> map() const;       ///< by keyframe, the oldest first
   /// The complete state, about 0.5 MB per keyframe at 640x480.
   std::vector<uint8_t> state() const;

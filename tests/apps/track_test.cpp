@@ -167,7 +167,8 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
   ASSERT_EQ(f.code, 0) << f.err;
   EXPECT_NE(f.out.find("continued  after "), std::string::npos) << f.out;
   EXPECT_NE(f.out.find("depth      30 frames"), std::string::npos) << f.out;
-  for (const char* name : {"trajectory.txt", "trajectory_kitti.txt", "keyframes.txt", "live.txt", "map.ply", "path.png"})
+  for (const char* name :
+       {"trajectory.txt", "trajectory_kitti.txt", "maps.txt", "keyframes.txt", "live.txt", "map.ply", "path.png"})
     EXPECT_EQ(bytes_of(killed + "/" + name), bytes_of(whole + "/" + name)) << name;
   expect_lines_of("frame-1.json", killed + "/frames.jsonl");
   EXPECT_FALSE(fs::exists(state));

@@ -65,7 +65,7 @@ TEST(Tracker, ALensCapIsLostAndThenFoundAgain) {
   EXPECT_NE(t.track(22).status, TrackStatus::lost);
 }
 
-TEST(Tracker, AMapThatBeganBadlyIsGivenUp) {
+TEST(Tracker, AMapThatBeganBadlyIsLeft) {
   ICLK_NEED_DEVICE();
   Tracking t;
   // The first frame is of another place, seen once.
@@ -79,16 +79,44 @@ TEST(Tracker, AMapThatBeganBadlyIsGivenUp) {
   TrackFrame covered = Flight::get().frame(2);
   covered.image.data = black.data();
   EXPECT_EQ(t.track(covered).map, 0);
-  const TrackResult anew = t.track(3);
-  EXPECT_EQ(anew.status, TrackStatus::keyframe);
-  EXPECT_EQ(anew.map, 1);
-  EXPECT_NE(anew.reason.find("new map"), std::string::npos);
-  for (int i = 4; i < 9; ++i) {
+  for (int i = 3; i < 9; ++i) {
     const TrackResult r = t.track(i);
     ASSERT_NE(r.status, TrackStatus::lost) << r.reason;
     EXPECT_EQ(r.map, 1);
-    EXPECT_LT(t.error(r, i, 3), 0.3) << i;
+    EXPECT_LT(t.error(r, i, 1), 0.3) << i;  // the lost frame became the first keyframe
+    ASSERT_EQ(r.before.has_value(), i == 3);
+    if (i == 3) {
+      EXPECT_EQ(r.before->time, Flight::get().frame(1).time);
+    }
   }
+}
+
+/// Another place begins a map of its own as soon as two frames of it agree. When the first place is seen again, both are one.
+TEST(Tracker, MapsAreJoinedWhereTheyMeet) {
+  ICLK_NEED_DEVICE();
+  Tracking t;
+  double time = 0;
+  const auto track = [&](int i) {
+    TrackFrame frame = Flight::get().frame(i);
+    frame.time = time += 0.1;
+    return t.track(frame);
+  };
+  for (int i = 0; i < 4; ++i) EXPECT_EQ(track(i).map, 0);
+  EXPECT_EQ(track(23).status, TrackStatus::lost);
+  const TrackResult anew = track(22);
+  ASSERT_EQ(anew.status, TrackStatus::tracked) << anew.reason;
+  EXPECT_EQ(anew.map, 1);
+  std::vector<TrackResult> back;
+  for (int i = 21; i > 1; --i) {
+    back.push_back(track(i));
+    ASSERT_NE(back.back().status, TrackStatus::lost) << i << ": " << back.back().reason;
+  }
+  EXPECT_EQ(back.front().map, 1);
+  EXPECT_EQ(back.back().map, 0);
+  EXPECT_EQ(t.tracker.keyframe_map(anew.keyframe), 0);
+  int i = 21;
+  for (const TrackResult& r : back) EXPECT_LT(t.error(r, i--), 0.6) << i + 1;  // by the keyframes' last poses
+  EXPECT_LT(t.error(anew, 22), 0.6);
 }
 
 TEST(Tracker, AJumpIsFoundOrSaidToBeLost) {

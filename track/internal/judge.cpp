@@ -9,6 +9,7 @@ namespace {
 
 constexpr double kCorrelation = 0.75;  ///< of the images, at a credible pose
 constexpr double kMotion = 0.06;       ///< of the image's width
+constexpr double kAgree = 0.01;        ///< of the image's width: the largest motion of a corner between two poses that agree
 
 /// With a smaller visible share of its keyframe, a frame must become one, even if it is blurred.
 constexpr double kLittleVisible = 0.5;
@@ -51,15 +52,21 @@ bool worn(const Camera& camera, int min_inliers, bool depth, const Keyframe& k, 
 
 bool Judge::credible(const RefinedAlignment& a, const Keyframe& k, const SE3& expected) const {
   if (!a.converged() || a.refined || a.iclk.correlation < kCorrelation) return false;
-  // The motion of the frame's corners from their expected positions, at the keyframe's mean depth.
-  const SE3 off = expected.inverse() * (k.T_WC * a.T_10.inverse());
-  const double z = 1 / mean_inverse_depth(k), w = camera.width - 1, h = camera.height - 1;
-  for (const Eigen::Vector2d& uv :
-       {Eigen::Vector2d(0, 0), Eigen::Vector2d(w, 0), Eigen::Vector2d(0, h), Eigen::Vector2d(w, h)}) {
-    const Eigen::Vector3d X = off * (camera.ray(uv) * z);
-    if (!(X.z() > 0) || (camera.project(X) - uv).norm() > kMotion * camera.width) return false;
-  }
-  return true;
+  return motion_from(expected, a, k) <= kMotion * camera.width;
+}
+
+bool Judge::credible(const RefinedAlignment& a, const RefinedAlignment& from_elsewhere, const Keyframe& k) const {
+  for (const RefinedAlignment* each : {&a, &from_elsewhere})
+    if (!each->converged() || each->inliers < min_inliers || each->iclk.correlation < kCorrelation) return false;
+  return agree(a.T_10, from_elsewhere.T_10, k);
+}
+
+double Judge::motion_from(const SE3& expected, const RefinedAlignment& a, const Keyframe& k) const {
+  return corner_motion(camera, expected.inverse() * (k.T_WC * a.T_10.inverse()), 1 / mean_inverse_depth(k));
+}
+
+bool Judge::agree(const SE3& a, const SE3& b, const Keyframe& k) const {
+  return corner_motion(camera, a * b.inverse(), 1 / mean_inverse_depth(k)) <= kAgree * camera.width;
 }
 
 bool Judge::becomes_keyframe(Frame& frame, const Keyframe& k, const Found& found, const SE3& T_WC,

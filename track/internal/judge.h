@@ -21,8 +21,15 @@ struct Judge {
   /// Whether a pose is acceptable that the features do not confirm, as in a blurred frame. The images must correlate at it, and
   /// it must not move a corner of the image far from its expected position.
   bool credible(const RefinedAlignment& a, const Keyframe& k, const SE3& expected) const;
+  /// The same, wherever it moves the corners, if an alignment from another start has the same result.
+  bool credible(const RefinedAlignment& a, const RefinedAlignment& from_elsewhere, const Keyframe& k) const;
+  /// Whether two alignments with keyframe `k`, T_10, have the same result.
+  bool agree(const SE3& a, const SE3& b, const Keyframe& k) const;
   /// Whether a frame becomes a keyframe that was aligned with keyframe `k` at T_WC. `previous`: the previous frame.
   bool becomes_keyframe(Frame& frame, const Keyframe& k, const Found& found, const SE3& T_WC, const TrackFrame& previous) const;
+
+ private:
+  double motion_from(const SE3& expected, const RefinedAlignment& a, const Keyframe& k) const;
 };
 
 }  // namespace iclk::internal

@@ -1,6 +1,7 @@
 #include <iclk/track/internal/keyframes.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include <iclk/shaders/shared.h>
 
@@ -14,6 +15,18 @@ double mean_inverse_depth(const Keyframe& keyframe) {
 
 bool inside(const Camera& camera, const Eigen::Vector2d& uv, double border) {
   return uv.x() >= border && uv.y() >= border && uv.x() <= camera.width - 1 - border && uv.y() <= camera.height - 1 - border;
+}
+
+double corner_motion(const Camera& camera, const SE3& off, double z) {
+  const double w = camera.width - 1, h = camera.height - 1;
+  double most = 0;
+  for (const Eigen::Vector2d& uv :
+       {Eigen::Vector2d(0, 0), Eigen::Vector2d(w, 0), Eigen::Vector2d(0, h), Eigen::Vector2d(w, h)}) {
+    const Eigen::Vector3d X = off * (camera.ray(uv) * z);
+    if (!(X.z() > 0)) return INFINITY;
+    most = std::max(most, (camera.project(X) - uv).norm());
+  }
+  return most;
 }
 
 Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC) {
@@ -51,11 +64,12 @@ Keyframe& Keyframes::add(double time, const SE3& T_WC) {
     held_.erase(held_.begin());
     for (auto& [id, keyframe] : held_) keyframe.sightings.erase(gone);
   }
-  const auto id = static_cast<int>(poses_.size());
-  poses_.push_back(T_WC);
+  const auto id = static_cast<int>(places_.size());
+  places_.push_back({T_WC, map_});
   Keyframe& keyframe = held_[id];
   keyframe.id = id;
   keyframe.slot = slot;
+  keyframe.map = map_;
   keyframe.time = time;
   keyframe.T_WC = T_WC;
   return keyframe;
@@ -66,9 +80,20 @@ void Keyframes::prepare(const Keyframe& k) {
       k.slot, {.image = k.pixels.frame(camera_).image, .camera = camera_, .features = k.features, .inverse_depth = {}});
 }
 
-void Keyframes::restore(std::map<int, Keyframe> held, std::vector<SE3> poses) {
+void Keyframes::restore(std::map<int, Keyframe> held, std::vector<Place> places, int map) {
   held_ = std::move(held);
-  poses_ = std::move(poses);
+  places_ = std::move(places);
+  map_ = map;
+}
+
+void Keyframes::join(int from, int into, const SE3& T_into_from) {
+  for (Place& place : places_)
+    if (place.map == from) place = {T_into_from * place.T_WC, into};
+  for (auto& [id, keyframe] : held_) {
+    keyframe.map = places_[static_cast<size_t>(id)].map;
+    keyframe.T_WC = places_[static_cast<size_t>(id)].T_WC;
+  }
+  if (map_ == from) map_ = into;
 }
 
 Keyframe* Keyframes::find(int id) {
@@ -76,8 +101,13 @@ Keyframe* Keyframes::find(int id) {
   return at == held_.end() ? nullptr : &at->second;
 }
 
+Keyframe& Keyframes::newest_of_map() {
+  const auto at = std::find_if(held_.rbegin(), held_.rend(), [&](const auto& held) { return held.second.map == map_; });
+  return at == held_.rend() ? newest() : at->second;
+}
+
 void Keyframes::set_pose(int id, const SE3& T_WC) {
-  poses_.at(static_cast<size_t>(id)) = T_WC;
+  places_.at(static_cast<size_t>(id)).T_WC = T_WC;
   if (Keyframe* keyframe = find(id)) keyframe->T_WC = T_WC;
 }
 
@@ -88,6 +118,7 @@ std::vector<int> Keyframes::best(const SE3& T_WC, size_t count, double least) co
   };
   std::vector<Ranked> ranked;
   for (const auto& [id, keyframe] : held_) {
+    if (keyframe.map != map_) continue;
     const Overlap o = overlap(camera_, keyframe, T_WC);
     if (o.visible >= least) ranked.push_back({o.visible - o.flow / camera_.width, id});
   }

@@ -15,6 +15,7 @@ namespace iclk::internal {
 struct Keyframe {
   int id = 0;
   int slot = 0;  ///< of the aligner
+  int map = 0;   ///< poses of different maps are unrelated
   double time = 0;
   double sharpness = 0;
   SE3 T_WC;
@@ -44,6 +45,9 @@ Pair pair_of(const Keyframe& keyframe, const TrackFrame& frame, const SE3& T_WC,
 /// Whether uv is in the image, at least `border` px from its border.
 bool inside(const Camera& camera, const Eigen::Vector2d& uv, double border);
 
+/// px: the largest distance by which `off`, a motion of the camera, moves the image corners at depth z. Infinite if one leaves.
+double corner_motion(const Camera& camera, const SE3& off, double z);
+
 /// The view of a keyframe's features by camera T_WC.
 struct Overlap {
   double visible = 0;  ///< share of the features that lie in the image, a patch away from the border
@@ -51,31 +55,43 @@ struct Overlap {
 };
 Overlap overlap(const Camera& camera, const Keyframe& keyframe, const SE3& T_WC);
 
-/// At most `capacity` keyframes, each in a slot of the aligner. The poses of all keyframes ever made are kept.
+/// Where a keyframe is.
+struct Place {
+  SE3 T_WC;
+  int map = 0;
+};
+
+/// At most `capacity` keyframes, each in a slot of the aligner. The places of all keyframes ever made are kept.
 class Keyframes {
  public:
   Keyframes(Aligner& aligner, const Camera& camera, int capacity) : aligner_(aligner), camera_(camera), capacity_(capacity) {}
 
-  /// Adds a keyframe, in a free slot or instead of leaving().
+  /// Adds a keyframe of the current map, in a free slot or instead of leaving().
   Keyframe& add(double time, const SE3& T_WC);
   /// Sets the reference of the aligner, with the present inverse depths.
   void prepare(const Keyframe& keyframe);
   /// The keyframe that the next one replaces: the oldest, or -1 if a slot is free.
   int leaving() const { return size() == capacity_ ? held_.begin()->first : -1; }
-  /// Restores the keyframes and poses of another instance.
-  void restore(std::map<int, Keyframe> held, std::vector<SE3> poses);
-  /// Removes all keyframes, but keeps their poses.
-  void forget() { held_.clear(); }
+  /// Restores the keyframes, places and current map of another instance.
+  void restore(std::map<int, Keyframe> held, std::vector<Place> places, int map);
   bool empty() const { return held_.empty(); }
   int size() const { return static_cast<int>(held_.size()); }
   Keyframe* find(int id);
   Keyframe& newest() { return held_.rbegin()->second; }
+  Keyframe& newest_of_map();                        ///< the current one
   std::map<int, Keyframe>& all() { return held_; }  ///< by id, oldest first
   const std::map<int, Keyframe>& all() const { return held_; }
   void set_pose(int id, const SE3& T_WC);
-  const std::vector<SE3>& poses() const { return poses_; }
+  const std::vector<Place>& places() const { return places_; }
 
-  /// At most `count` keyframes with the largest Overlap::visible by camera T_WC, best first, each at least `least`.
+  /// The map in which the camera is.
+  int current_map() const { return map_; }
+  void enter(int map) { map_ = map; }
+  /// Moves all keyframes of one map to another one.
+  void join(int from, int into, const SE3& T_into_from);
+
+  /// At most `count` keyframes of the current map with the largest Overlap::visible by camera T_WC, best first, each at least
+  /// `least`.
   std::vector<int> best(const SE3& T_WC, size_t count, double least) const;
 
  private:
@@ -83,7 +99,8 @@ class Keyframes {
   Camera camera_;
   int capacity_;
   std::map<int, Keyframe> held_;
-  std::vector<SE3> poses_;
+  std::vector<Place> places_;
+  int map_ = 0;
 };
 
 }  // namespace iclk::internal

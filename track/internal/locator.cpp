@@ -16,7 +16,7 @@ constexpr size_t kOthers = 3;
 }  // namespace
 
 std::optional<Found> Locator::follow(const TrackFrame& frame, Search& search) {
-  if (!keyframes_.find(state.current)) state.current = keyframes_.newest().id;
+  if (!keyframes_.find(state.current)) state.current = keyframes_.newest_of_map().id;
   const Keyframe& current = *keyframes_.find(state.current);
   RefinedAlignment a = refiner_.align(pair_of(current, frame, search.expected));
   if (!judge_.confirmed(a)) {
@@ -71,7 +71,10 @@ std::optional<Found> Locator::try_current(const TrackFrame& frame, const Motion&
 std::optional<Found> Locator::relocalise(const TrackFrame& frame, const SE3& last) {
   const std::vector<int> ids = lost_among(last);
   std::vector<Pair> pairs;
-  for (const int id : ids) pairs.push_back(pair_of(*keyframes_.find(id), frame, last, true));
+  for (const int id : ids) {
+    const Keyframe& k = *keyframes_.find(id);
+    pairs.push_back(pair_of(k, frame, k.map == keyframes_.current_map() ? last : k.T_WC, true));
+  }
   std::vector<RefinedAlignment> found = refiner_.align(pairs);
   return best_of(ids, found);
 }

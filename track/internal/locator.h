@@ -29,7 +29,8 @@ class Locator {
   std::optional<Found> credible(const Search& search, double visible);
   /// Aligns with the current keyframe, from the expected pose and from the last pose.
   std::optional<Found> try_current(const TrackFrame& frame, const Motion& motion, Search& search);
-  /// Searches with one batch of keyframes, to limit the time of a frame: the ones near the last pose, and the others in turn.
+  /// Searches with one batch of keyframes, to limit the time of a frame: the ones near the last pose, and the others in turn,
+  /// of all maps.
   std::optional<Found> relocalise(const TrackFrame& frame, const SE3& last);
 
   struct State {

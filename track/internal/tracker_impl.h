@@ -2,7 +2,9 @@
 #include <optional>
 #include <vector>
 
+#include <iclk/track/internal/learned_locator.h>
 #include <iclk/track/internal/locator.h>
+#include <iclk/track/internal/place_finder.h>
 #include <iclk/track/internal/seeder.h>
 #include <iclk/track/internal/unroller.h>
 #include <iclk/track/internal/window.h>
@@ -24,7 +26,14 @@ struct Tracker::Impl {
   std::optional<Found> locate(Frame& frame, TrackResult& result);
   /// Makes a keyframe of the previous frame.
   bool make_previous_keyframe(TrackResult& result);
+  /// Aligns with the last frame that has no pose. If that succeeds, that frame is the first keyframe of a new map.
+  std::optional<Found> follow_unplaced(const TrackFrame& frame, TrackResult& result);
+  std::optional<RefinedAlignment> align_with_unplaced(const TrackFrame& frame, const Reference& unplaced_frame);
+  /// Aligns with the current keyframe by the learned models.
+  std::optional<Found> align_learned(const TrackFrame& frame, const SE3& expected);
   TrackResult lose(Frame& frame, TrackResult result);
+  /// Joins the current map with another one in which the new keyframe `k` is found.
+  void join_maps(internal::Keyframe& k, TrackResult& result);
   /// Makes a keyframe of the frame. `found`: its alignment with another keyframe, or null. Returns false if it has too few
   /// features.
   bool make_keyframe(Frame& frame, const SE3& T_WC, const std::optional<TrackResult::Origin>& origin, const Found* found,
@@ -45,6 +54,8 @@ struct Tracker::Impl {
   internal::Keyframes keyframes;
   internal::Unroller unroller;
   internal::Locator locator;
+  internal::PlaceFinder places;
+  std::optional<internal::LearnedLocator> learned;
   internal::Window window;
   internal::Seeder seeder;
   internal::Motion motion;
@@ -54,9 +65,10 @@ struct Tracker::Impl {
     Eigen::Vector3d rate = Eigen::Vector3d::Zero();
     std::optional<TrackResult::Origin> origin;
   } previous;
-  int map = 0;
-  int64_t frames_tracked = 0, frames_lost = 0;  ///< of this map: in all; since the last tracked frame
-  std::optional<double> last_time;              ///< of any frame
+  std::optional<internal::FramePixels> unplaced;  ///< the last lost frame from which a map can begin
+  int maps = 1;                                   ///< ever begun
+  int64_t frames_lost = 0;                        ///< since the last frame with a pose
+  std::optional<double> last_time;                ///< of any frame
 };
 
 }  // namespace iclk

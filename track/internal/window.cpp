@@ -62,15 +62,17 @@ void Window::connect(Keyframe& k, std::span<Neighbour> neighbours) {
   }
 }
 
-/// The newest keyframes are free; those connected with them are fixed.
+/// The newest keyframes of the map are free, but not the oldest; those connected with them are fixed.
 Window::Part Window::part() {
-  const auto& all = keyframes_.all();
-  const int first_free = std::max(all.begin()->first + 1, static_cast<int>(keyframes_.poses().size()) - size_);
+  std::map<int, const Keyframe*> all;
+  for (const auto& [id, k] : keyframes_.all())
+    if (k.map == keyframes_.current_map()) all[id] = &k;
+  const int first_free = std::max(all.begin()->first + 1, static_cast<int>(keyframes_.places().size()) - size_);
   std::set<int> ids;
   for (const auto& [id, k] : all) {
     if (id >= first_free) ids.insert(id);
-    if (id >= first_free && k.origin && keyframes_.find(k.origin->keyframe)) ids.insert(k.origin->keyframe);
-    for (const auto& [seen_in, features] : k.sightings)
+    if (id >= first_free && k->origin && keyframes_.find(k->origin->keyframe)) ids.insert(k->origin->keyframe);
+    for (const auto& [seen_in, features] : k->sightings)
       if (id >= first_free || seen_in >= first_free) ids.insert({id, seen_in});
   }
   Part out;

@@ -42,7 +42,8 @@ const char* const kTrackFooter =
     "Written to --out while it runs: live.txt (TUM trajectory, each pose as first estimated) and frames.jsonl (status,\n"
     "covariance, times; docs/schema/frame-1.json). The same command continues a run that was stopped.\n"
     "Written at the end, from the final keyframe poses: trajectory.txt (TUM), trajectory_kitti.txt, keyframes.txt, map.ply\n"
-    "and path.png. evo reads the trajectories: evo_ape tum groundtruth.txt trajectory.txt -a\n"
+    "and path.png, all of the map with most frames; maps.txt has the poses of all maps. evo reads the trajectories:\n"
+    "  evo_ape tum groundtruth.txt trajectory.txt -a\n"
     "\n"
     "Examples:\n"
     "  iclk track recording --out tracked\n"
@@ -114,10 +115,12 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
     exit = kDiverged;
   }
   if (!options.out.empty())
-    print("written    trajectory.txt, trajectory_kitti.txt, live.txt, keyframes.txt, frames.jsonl, map.ply, path.png in " +
-          options.out + "\n");
+    print(
+        "written    trajectory.txt, trajectory_kitti.txt, live.txt, maps.txt, keyframes.txt, frames.jsonl, map.ply, path.png "
+        "in " +
+        options.out + "\n");
   if (!command.peers) return;
-  if (!report.live)
+  if (!report.adjusted)
     throw Error(ErrorCode::invalid_argument,
                 "--peers needs true poses: there is no groundtruth.txt in " + options.frames.folder);
   print(peers(frames));
@@ -182,7 +185,8 @@ void add_tracking(CLI::App& command, TrackCommand& options) {
       ->capture_default_str();
   command
       .add_option("--model", run.model,
-                  "classical, or a learned model (name or file), which takes several times as long per frame")
+                  "auto (classical; learned models for frames that it cannot place), classical, or a learned model (name or "
+                  "file), which takes several times as long per frame")
       ->capture_default_str();
   command.add_option("--solver", options.solver, "device, host or cpu; device: one round trip to the device per frame")
       ->capture_default_str();

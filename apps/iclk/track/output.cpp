@@ -26,6 +26,13 @@ std::string tum_text(std::span<const TrackedFrame> frames) {
   return text;
 }
 
+std::string maps_text(std::span<const TrackedFrame> frames) {
+  std::string text = "# map timestamp tx ty tz qx qy qz qw (camera to the world of that map)\n";
+  for (const TrackedFrame& f : frames)
+    if (has_pose(f)) text += fmt::format("{} {:.6f} {}\n", f.map, f.result.time, tum_line(f.T_WC));
+  return text;
+}
+
 std::string kitti_text(std::span<const TrackedFrame> frames) {
   std::string text;
   for (const TrackedFrame& f : frames) {
@@ -97,17 +104,19 @@ TrackResult parse_frame_json(std::string_view text) {
   }
 }
 
-std::string map_ply(const Tracker& tracker) {
-  const std::vector<MapPoint> map = tracker.map();
+std::string map_ply(const Tracker& tracker, int map) {
   std::string points;
-  for (const MapPoint& p : map) {
+  int count = 0;
+  for (const MapPoint& p : tracker.map()) {
+    if (p.map != map) continue;
+    ++count;
     const int value = std::clamp(static_cast<int>(std::lround(255 * p.grey)), 0, 255);
     points += fmt::format("{:.6g} {:.6g} {:.6g} {} {} {}\n", p.X.x(), p.X.y(), p.X.z(), value, value, value);
   }
   return fmt::format(
              "ply\nformat ascii 1.0\ncomment iclk track\nelement vertex {}\nproperty float x\nproperty float y\n"
              "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
-             map.size()) +
+             count) +
          points;
 }
 

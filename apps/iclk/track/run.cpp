@@ -59,13 +59,44 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--readout", tracker.readout}};
 }
 
+/// Sets the poses and maps of frames by the keyframes' last ones.
+void place(const Tracker& tracker, std::vector<TrackedFrame>& frames) {
+  for (TrackedFrame& f : frames) {
+    if (f.result.status == TrackStatus::lost) continue;
+    f.map = tracker.keyframe_map(f.result.keyframe);
+    f.T_WC = tracker.keyframe_pose(f.result.keyframe) * f.result.T_CK.inverse();
+    f.T_WC.orthonormalize();
+  }
+}
+
+/// The map that has most frames.
+int largest_map(const std::vector<TrackedFrame>& frames) {
+  std::map<int, int> sizes{{0, 0}};
+  for (const TrackedFrame& f : frames) sizes[f.map] += f.result.status != TrackStatus::lost;
+  return std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; })->first;
+}
+
+/// The frames of other maps count as lost from here on. Their number.
+int keep_map(int map, std::vector<TrackedFrame>& frames) {
+  int others = 0;
+  for (TrackedFrame& f : frames) {
+    if (f.map == map) continue;
+    others += f.result.status != TrackStatus::lost;
+    f.result.status = TrackStatus::lost;
+    f.result.before.reset();
+  }
+  return others;
+}
+
 void write_results(const TrackRunOptions& options, const Tracker& tracker, const std::vector<TrackedFrame>& frames,
-                   const TrackReport& report) {
+                   const TrackReport& report, const std::string& maps) {
   const auto write = [&](const char* name, const std::string& text) {
     write_file((std::filesystem::path(options.out) / name).string(), text);
   };
+  const int map = largest_map(frames);
   std::vector<SE3> poses;
-  for (int id = 0; id < tracker.keyframe_count(); ++id) poses.push_back(tracker.keyframe_pose(id));
+  for (int id = 0; id < tracker.keyframe_count(); ++id)
+    if (tracker.keyframe_map(id) == map) poses.push_back(tracker.keyframe_pose(id));
   std::vector<TrackedFrame> keyframes;
   const auto add = [&](int id, double time) {
     TrackedFrame& k = keyframes.emplace_back();
@@ -79,25 +110,10 @@ void write_results(const TrackRunOptions& options, const Tracker& tracker, const
   }
   write("trajectory.txt", tum_text(frames));
   write("trajectory_kitti.txt", kitti_text(frames));
+  write("maps.txt", maps);
   write("keyframes.txt", tum_text(keyframes));
-  write("map.ply", map_ply(tracker));
+  write("map.ply", map_ply(tracker, map));
   write("path.png", path_png(frames, poses, report.adjusted ? &*report.adjusted : nullptr));
-}
-
-/// The frames of other maps count as lost from here on. Their number.
-int keep_largest_map(std::vector<TrackedFrame>& frames) {
-  std::map<int, int> sizes;
-  for (const TrackedFrame& f : frames) sizes[f.result.map] += f.result.status != TrackStatus::lost;
-  const auto largest =
-      std::max_element(sizes.begin(), sizes.end(), [](const auto& a, const auto& b) { return a.second < b.second; });
-  int others = 0;
-  for (TrackedFrame& f : frames) {
-    if (f.result.map == largest->first) continue;
-    others += f.result.status != TrackStatus::lost;
-    f.result.status = TrackStatus::lost;
-    f.result.before.reset();
-  }
-  return others;
 }
 
 }  // namespace
@@ -141,7 +157,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
     report.align_ms += r.align_ms;
     report.keyframe_ms += r.keyframe_ms;
     report.bundle_ms += r.bundle_ms;
-    tracked.push_back({r, {}, frames.truth(i)});
+    tracked.push_back({r, r.map, {}, frames.truth(i)});
   };
   for (int i = 0; i < report.continued; ++i) keep(i, journal.results()[static_cast<size_t>(i)]);
   for (int i = report.continued; i < count; ++i) {
@@ -167,20 +183,18 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   report.readout = tracker.readout().seconds;
   report.readout_sigma = tracker.readout().sigma;
   std::vector<PosePair> live_pairs, adjusted_pairs;
-  report.elsewhere = keep_largest_map(tracked);
-  for (TrackedFrame& t : tracked) {
-    if (t.result.status == TrackStatus::lost) continue;
-    t.T_WC = tracker.keyframe_pose(t.result.keyframe) * t.result.T_CK.inverse();
-    t.T_WC.orthonormalize();
-    if (!t.truth) continue;
-    live_pairs.push_back({t.result.T_WC, *t.truth});
+  place(tracker, tracked);
+  const std::string maps = maps_text(tracked);
+  const int largest = largest_map(tracked);
+  report.elsewhere = keep_map(largest, tracked);
+  for (const TrackedFrame& t : tracked) {
+    if (t.result.status == TrackStatus::lost || !t.truth) continue;
+    if (t.result.map == largest) live_pairs.push_back({t.result.T_WC, *t.truth});  // not joined later
     adjusted_pairs.push_back({t.T_WC, *t.truth});
   }
-  if (live_pairs.size() >= 3) {
-    report.live = track_errors(live_pairs);
-    report.adjusted = track_errors(adjusted_pairs);
-  }
-  if (!options.out.empty()) write_results(options, tracker, tracked, report);
+  if (live_pairs.size() >= 3) report.live = track_errors(live_pairs);
+  if (adjusted_pairs.size() >= 3) report.adjusted = track_errors(adjusted_pairs);
+  if (!options.out.empty()) write_results(options, tracker, tracked, report, maps);
   journal.finish();
   return report;
 }
@@ -196,16 +210,18 @@ std::string to_text(const TrackReport& r) {
   text +=
       fmt::format("speed      {:.1f} frames/s on {}: ms per frame: alignment {:.1f}, new keyframes {:.1f}, bundles {:.1f}\n",
                   r.frames / c.seconds, r.device, r.align_ms / r.frames, r.keyframe_ms / r.frames, r.bundle_ms / r.frames);
-  if (r.elsewhere > 0) text += fmt::format("maps       {} more frames were tracked in other maps\n", r.elsewhere);
+  if (r.elsewhere > 0)
+    text += fmt::format("maps       {} of the tracked frames are in other maps, which do not meet the largest one (maps.txt)\n",
+                        r.elsewhere);
   if (r.readout_used != 0) text += fmt::format("shutter    rolling, with a readout of {:.1f} ms\n", 1000 * r.readout_used);
   if (r.readout_used == 0 && r.readout_sought) text += "shutter    no readout found: treated as a global shutter\n";
   const double off = std::abs(r.readout - r.readout_used);
   if (off > kLeastReadout && off > kReadoutSigmas * r.readout_sigma)
     text += fmt::format("           the features suggest {:.1f} +- {:.1f} ms{}\n", 1000 * r.readout, 1000 * r.readout_sigma,
                         r.readout_used == 0 && !r.readout_sought ? "; --readout auto estimates it" : "");
-  if (!r.live) return text + "truth      none\n";
-  for (const auto& [name, e] : {std::pair("live", *r.live), std::pair("adjusted", *r.adjusted)})
-    text += fmt::format("{:<10} {}\n", name, to_text(e));
+  if (!r.adjusted) return text + "truth      none\n";
+  for (const auto& [name, e] : {std::pair("live", r.live), std::pair("adjusted", r.adjusted)})
+    if (e) text += fmt::format("{:<10} {}\n", name, to_text(*e));
   return text;
 }
 

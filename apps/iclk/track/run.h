@@ -4,6 +4,7 @@
 #include <span>
 #include <string>
 
+#include <iclk/session/models.h>
 #include <iclk/track/tracker.h>
 #include <iclk/track/trajectory.h>
 
@@ -15,7 +16,7 @@ struct TrackRunOptions {
   FramesOptions frames;
   Solver solver = Solver::device;
   std::string device;
-  std::string model = "classical";  ///< or a name or file of a model
+  std::string model = default_model();  ///< SessionOptions::model
   TrackerOptions tracker;
   int most = 0;        ///< frames, at most; 0: all
   std::string out;     ///< folder; empty: nothing is written
@@ -56,9 +57,9 @@ struct TrackReport {
 };
 
 /// Tracks a recording. With `out`: live.txt (TUM, as answered) and frames.jsonl grow with every frame, and a run that was
-/// killed goes on (Journal); trajectory.txt (TUM, by the keyframes' last poses), keyframes.txt, trajectory_kitti.txt, map.ply
-/// and path.png are written at the end, whole or not at all. A frame that cannot be read is lost, and said. `progress`: frames
-/// done, of how many, lost so far.
+/// killed goes on (Journal); trajectory.txt (TUM, by the keyframes' last poses), keyframes.txt, trajectory_kitti.txt, maps.txt,
+/// map.ply and path.png are written at the end, whole or not at all. A frame that cannot be read is lost, and said. `progress`:
+/// frames done, of how many, lost so far.
 TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frames,
                            const std::function<void(int, int, int)>& progress);
 
