@@ -30,15 +30,25 @@ void archive(Stream& s, Keyframe::Seed& seed) {
 }
 
 template <class Stream>
+void archive(Stream& s, MatchDescriptor& d) {
+  for (float& value : d) archive(s, value);
+}
+
+template <class Stream>
+void archive(Stream& s, BundleEdge& e) {
+  archive_all(s, e.from, e.to, e.T_to_from, e.covariance);
+}
+
+template <class Stream>
 void archive(Stream& s, Place& p) {
   archive_all(s, p.T_WC, p.map);
 }
 
 template <class Stream>
 void archive(Stream& s, Keyframe& k) {
-  archive_all(s, k.id, k.slot, k.map, k.time, k.sharpness, k.T_WC, k.turn, k.turn_sigma, k.seen_turn, k.features.uv,
-              k.features.inverse_depth, k.features.inverse_depth_sigma, k.measured, k.sigma, k.with_depth, k.seeds, k.pixels,
-              k.origin, k.sightings);
+  archive_all(s, k.id, k.slot, k.map, k.time, k.used, k.way, k.signature, k.sharpness, k.T_WC, k.turn, k.turn_sigma,
+              k.seen_turn, k.features.uv, k.features.inverse_depth, k.features.inverse_depth_sigma, k.measured, k.sigma,
+              k.with_depth, k.seeds, k.pixels, k.origin, k.sightings);
 }
 
 template <class Stream>
@@ -65,14 +75,14 @@ uint64_t checksum(std::span<const uint8_t> bytes) {
 }
 
 template <class Stream>
-void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyframe>& held, std::vector<internal::Place>& places,
-                     int& map) {
+void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyframe>& held,
+                     std::map<int, internal::Keyframe>& archived, std::vector<internal::Place>& places, int& map) {
   internal::Motion& motion = m.motion;
   internal::Unroller::State& turn = m.unroller.state;
-  internal::archive_all(s, held, places, map, m.locator.state.current, motion.last, m.previous.pixels, m.previous.rate,
-                        m.previous.origin, motion.velocity, motion.seconds, turn.rate, turn.bent.turn, turn.bent.sigma,
-                        turn.bent.seen, turn.turned, motion.lost, m.unplaced, m.maps, m.frames_lost, m.locator.state.next_tried,
-                        m.places.state.next_tried, m.last_time);
+  internal::archive_all(s, held, archived, places, map, m.locator.state.current, motion.last, m.previous.pixels,
+                        m.previous.rate, m.previous.origin, motion.velocity, motion.seconds, turn.rate, turn.bent.turn,
+                        turn.bent.sigma, turn.bent.seen, turn.turned, motion.lost, m.unplaced, m.maps, m.way, m.frames_lost,
+                        m.loops.state.motions, m.loops.state.loops, m.loops.state.waiting, m.last_time);
   turn.changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
   turn.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
 }
@@ -86,7 +96,8 @@ std::vector<uint8_t> Tracker::state() const {
   internal::archive_all(writer, magic, sum, m.camera.width, m.camera.height, m.options.keyframes);
   std::vector<internal::Place> places = m.keyframes.places();
   int map = m.keyframes.current_map();
-  archive_tracker(writer, m, m.keyframes.all(), places, map);
+  std::map<int, internal::Keyframe> archived = m.keyframes.archived();
+  archive_tracker(writer, m, m.keyframes.all(), archived, places, map);
   sum = checksum(std::span(writer.bytes).subspan(2 * sizeof(uint64_t)));
   std::memcpy(writer.bytes.data() + sizeof(magic), &sum, sizeof(sum));
   return std::move(writer.bytes);
@@ -107,12 +118,12 @@ void Tracker::restore(std::span<const uint8_t> state) {
   require(width == m.camera.width && height == m.camera.height && capacity == m.options.keyframes,
           "the saved tracker state is for another camera or number of keyframes");
   auto fresh = std::make_unique<Impl>(m.aligner, m.camera, m.options);
-  std::map<int, internal::Keyframe> held;
+  std::map<int, internal::Keyframe> held, archived;
   std::vector<internal::Place> places;
   int map = 0;
-  archive_tracker(reader, *fresh, held, places, map);
+  archive_tracker(reader, *fresh, held, archived, places, map);
   require(reader.left() == 0, "the saved tracker state is too long");
-  fresh->keyframes.restore(std::move(held), std::move(places), map);
+  fresh->keyframes.restore(std::move(held), std::move(archived), std::move(places), map);
   try {
     for (const auto& [id, k] : fresh->keyframes.all()) fresh->keyframes.prepare(k);
   } catch (...) {

@@ -77,6 +77,7 @@ void TrackerOptions::check() const {
                 "depth sigma is 0: it must be positive; for exact depths use a relative sigma of 1e-6");
   check_range("seeds of a keyframe", seeds, 0, 8192);
   check_range("keyframes", keyframes, 2, 4096);
+  check_range("archive", archive, 0, 100000);
   check_range("window", window, 1, 64);
   check_range("min_visible", min_visible, 0.1, 1);
   check_range("min_inliers", min_inliers, 6, 8192);
@@ -85,7 +86,7 @@ void TrackerOptions::check() const {
 
 Plan Tracker::plan(const Camera& camera, const TrackerOptions& options) {
   Plan plan{.width = camera.width, .height = camera.height, .max_features = options.features};
-  plan.max_references = options.keyframes + 1;  // and the frame that may begin a map
+  plan.max_references = options.keyframes + internal::Keyframes::kOpen + 1;  // and the frame that may begin a map
   plan.max_pairs = 2 * options.window;
   const bool masks = options.masks || options.readout != 0;  // unrolled images have pixels without a source
   plan.format = masks ? PixelFormat::rgba8 : PixelFormat::r8;
@@ -99,10 +100,11 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
       options(options),
       judge{camera, options.min_inliers, options.min_visible},
       refiner(aligner, for_tracking()),
-      keyframes(aligner, camera, options.keyframes),
+      keyframes(aligner, camera, options.keyframes, options.archive),
       unroller(camera, options, judge, refiner),
       locator(camera, judge, refiner, keyframes, aligner.plan().max_pairs),
-      places(camera, judge, refiner, keyframes, aligner.plan().max_pairs),
+      places(camera, judge, refiner, keyframes, options.window),
+      loops(camera, judge, keyframes),
       window(camera, judge, refiner, keyframes, options.window),
       seeder(camera, this->options, judge) {}
 
@@ -124,12 +126,13 @@ TrackResult Tracker::Impl::track(const TrackFrame& given) {
   internal::Keyframe& k = *keyframes.find(found->keyframe);
   locator.state.current = k.id;
   keyframes.enter(k.map);
+  k.used = given.time;
   tell(*found, k, result);
   unroller.learn(frame, k, *found, motion, result.T_WC);
   const TrackResult::Origin origin{k.id, result.T_CK, found->confirmed, result.covariance};
   if (judge.becomes_keyframe(frame, k, *found, result.T_WC, previous.pixels.frame(camera))) {  // 4
     unroller.straighten(frame);
-    if (make_keyframe(frame, result.T_WC, origin, &*found, result) && !motion.lost) join_maps(keyframes.newest(), result);  // 6
+    if (make_keyframe(frame, result.T_WC, origin, &*found, result) && !motion.lost) recognise(keyframes.newest(), result);  // 6
   }
   if (result.status == TrackStatus::tracked && found->confirmed) look_for_seeds(k, frame, found->alignment, result);  // 5
   keep(given, frame.rate, origin, result.T_WC);
@@ -173,7 +176,7 @@ std::optional<internal::Found> Tracker::Impl::locate(Frame& frame, TrackResult& 
     return align_learned(seen, search.expected);
   }
   result.searched = true;
-  if (auto found = locator.relocalise(seen, motion.last->T_WC)) return found;
+  if (auto found = locator.relocalise(frame, motion.last->T_WC)) return found;
   if (auto found = align_learned(seen, motion.last->T_WC)) return found;
   return follow_unplaced(seen, result);
 }
@@ -206,7 +209,7 @@ std::optional<internal::Found> Tracker::Impl::follow_unplaced(const TrackFrame& 
 }
 
 std::optional<RefinedAlignment> Tracker::Impl::align_with_unplaced(const TrackFrame& frame, const Reference& unplaced_frame) {
-  const int spare = options.keyframes;
+  const int spare = options.keyframes + internal::Keyframes::kOpen;
   aligner.set_reference(spare, unplaced_frame);
   for (const bool search : {false, true}) {
     RefinedAlignment a = refiner.align({spare, frame.image, {}, {}, search, frame.mask});
@@ -215,19 +218,33 @@ std::optional<RefinedAlignment> Tracker::Impl::align_with_unplaced(const TrackFr
   return {};
 }
 
-void Tracker::Impl::join_maps(internal::Keyframe& k, TrackResult& result) {
-  const int here = keyframes.current_map();
-  const auto link = places.find_in_other_maps(k, previous.pixels.frame(camera), motion.last->T_WC);
+void Tracker::Impl::recognise(internal::Keyframe& k, TrackResult& result) {
+  auto link = places.find(k, previous.pixels.frame(camera), motion.last->T_WC);
   if (!link) return;
-  const internal::Keyframe& other = *keyframes.find(link->from);
-  const int there = other.map;
-  const SE3 T_there_here = other.T_WC * (k.T_WC * link->T_to_from).inverse();
-  if (here < there) return keyframes.join(there, here, T_there_here.inverse());
-  keyframes.join(here, there, T_there_here);
-  result.map = there;
+  const SE3 before = k.T_WC;
+  if (keyframes.places()[static_cast<size_t>(link->edge.from)].map != k.map)
+    join_maps(k, link->edge);
+  else if (!loops.close(link->edge))
+    return;
+  internal::Keyframe& other = keyframes.hold(link->edge.from);
+  other.sightings[k.id] = std::move(link->there);
+  k.sightings[other.id] = std::move(link->back);
+  // The camera moves with its keyframe.
+  const SE3 moved = k.T_WC * before.inverse();
+  result.map = k.map;
   result.T_WC = k.T_WC;
-  motion.last->T_WC = T_there_here * motion.last->T_WC;
-  if (auto& turned = unroller.state.turned) turned->T_WC_before = T_there_here * turned->T_WC_before;
+  motion.last->T_WC = moved * motion.last->T_WC;
+  if (auto& turned = unroller.state.turned) turned->T_WC_before = moved * turned->T_WC_before;
+}
+
+void Tracker::Impl::join_maps(internal::Keyframe& k, const internal::BundleEdge& link) {
+  const auto [T_WC, there] = keyframes.places()[static_cast<size_t>(link.from)];
+  const SE3 T_there_here = T_WC * (k.T_WC * link.T_to_from).inverse();
+  if (k.map < there)
+    keyframes.join(there, k.map, T_there_here.inverse());
+  else
+    keyframes.join(k.map, there, T_there_here);
+  loops.join(link);
 }
 
 bool Tracker::Impl::make_previous_keyframe(TrackResult& result) {
@@ -274,9 +291,11 @@ bool Tracker::Impl::make_keyframe(Frame& frame, const SE3& T_WC, const std::opti
   fill(k, frame, std::move(features), measured);
   keyframes.prepare(k);
   window.connect(k, neighbours);
+  loops.follow(k, neighbours);
   const internal::Stopwatch bundle_watch;
   window.adjust();
   result.bundle_ms = bundle_watch.ms();
+  keyframes.hold_next(k, options.window);
   if (seeder.look_back(k, frame, neighbours)) keyframes.prepare(k);
   result.keyframe_ms = watch.ms() - result.bundle_ms;
   locator.state.current = k.id;
@@ -295,6 +314,8 @@ void Tracker::Impl::fill(internal::Keyframe& k, Frame& frame, Features features,
   k.turn_sigma = bent.sigma;
   k.seen_turn = bent.seen;
   k.sharpness = frame.sharpness();
+  k.way = way;
+  k.signature = internal::signature_of(frame.grey(), features.uv);
   k.with_depth = 2 * measured >= features.size();
   k.features = std::move(features);
   if (seeder.helps(measured)) seeder.sow(k, frame);
@@ -316,6 +337,7 @@ void Tracker::Impl::look_for_seeds(internal::Keyframe& k, Frame& frame, const Re
 
 void Tracker::Impl::keep(const TrackFrame& pixels, const Eigen::Vector3d& rate,
                          const std::optional<TrackResult::Origin>& origin, const SE3& T_WC) {
+  if (!motion.lost && motion.last) way += (T_WC.t - motion.last->T_WC.t).norm();
   motion.add(pixels.time, T_WC);
   unplaced.reset();
   frames_lost = 0;

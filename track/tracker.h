@@ -32,7 +32,10 @@ struct TrackerOptions {
   int border = 16;                                            ///< px at the image border without features
   DepthSigma depth_sigma{.constant = kStructuredLightSigma};  ///< must be above 0, or depths have no weight
   bool masks = false;                                         ///< frames may have masks
-  int keyframes = 32;                                         ///< at most in memory, each in a slot of the aligner
+  int keyframes = 32;                                         ///< at most that frames are aligned with, in slots of the aligner
+  /// The largest number of older keyframes that are kept to recognise their places: for loops, joined maps and lost frames.
+  /// Each takes as much memory as its image. 0: places are not recognised.
+  int archive = 500;
   /// The largest number of points per keyframe whose depth is estimated from later frames. They are used if the sensor gives
   /// depth for fewer than `features` points. 0: frames without depth do not become keyframes.
   int seeds = 200;
@@ -102,8 +105,9 @@ struct Readout {
 ///
 /// A frame whose alignment does not converge is lost; its pose is never guessed. Each later frame is then aligned with some of
 /// the keyframes, and with the frame before it. If only the latter succeeds, a new map begins with the frame before. Two maps
-/// become one when a keyframe of one is found in the other. TrackerOptions::keyframes bounds the memory, except for one pose
-/// per keyframe ever made. One thread at a time.
+/// become one when a keyframe of one is found in the other. If the camera returns to a place, the loop is closed: the drift
+/// since then is distributed over the keyframes of the way. TrackerOptions::keyframes and archive bound the memory, except for
+/// a pose and a few motions per keyframe ever made. One thread at a time.
 class Tracker {
  public:
   /// The plan that the aligner of a tracker must have. Its options need AlignerOptions::search, or the tracker cannot find lost

@@ -15,6 +15,7 @@ namespace iclk::internal {
 namespace {
 
 constexpr double kCauchyScale = 2;    // a residual of this many standard deviations has half the weight
+constexpr double kEdgeScale = 5;      // the same for an edge, whose residual has six components
 constexpr double kLeastDepth = 1e-3;  // of a point in the observing camera, times its inverse depth
 
 /// W (project(p) - uv), p = R_j^T (R_i ray + q (t_i - t_j)): the point in camera j, times q.
@@ -92,7 +93,8 @@ class Bundle {
     if (frames_[i].fixed && frames_[j].fixed) return;
     add_pose(i);
     add_pose(j);
-    problem_.AddResidualBlock(new EdgeCost(edge), nullptr, poses_[i].data(), poses_[j].data());
+    problem_.AddResidualBlock(new EdgeCost(edge), edge.robust ? new ceres::CauchyLoss(kEdgeScale) : nullptr, poses_[i].data(),
+                              poses_[j].data());
   }
 
   ceres::Solver::Summary solve(int iterations) {
@@ -101,7 +103,7 @@ class Bundle {
     const auto first = std::find(posed_.begin(), posed_.end(), true);
     if (!anchored_) problem_.SetParameterBlockConstant(poses_[static_cast<size_t>(first - posed_.begin())].data());
     ceres::Solver::Options solver = solver_options(iterations);
-    solver.linear_solver_type = ceres::DENSE_SCHUR;
+    solver.linear_solver_type = depths_.empty() ? ceres::SPARSE_NORMAL_CHOLESKY : ceres::DENSE_SCHUR;
     solver.linear_solver_ordering = ordering_;
     solver.function_tolerance = 1e-4;
     ceres::Solve(solver, &problem_, &summary);

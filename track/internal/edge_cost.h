@@ -10,6 +10,7 @@ struct BundleEdge {
   int from = 0, to = 0;
   SE3 T_to_from;
   Matrix6d covariance = Matrix6d::Identity();
+  bool robust = false;  ///< with the Cauchy loss
 };
 
 /// W Log(T_ji^-1 T_j^-1 T_i), with T_i = T_WC of `from` and W^T W the information of the edge. Parameters: the pose blocks

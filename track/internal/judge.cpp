@@ -9,6 +9,7 @@ namespace {
 
 constexpr double kCorrelation = 0.75;  ///< of the images, at a credible pose
 constexpr double kMotion = 0.06;       ///< of the image's width
+constexpr double kElsewhere = 0.15;    ///< of the image's width: more than the drift between two visits of a place
 constexpr double kAgree = 0.01;        ///< of the image's width: the largest motion of a corner between two poses that agree
 
 /// With a smaller visible share of its keyframe, a frame must become one, even if it is blurred.
@@ -61,13 +62,30 @@ bool Judge::credible(const RefinedAlignment& a, const RefinedAlignment& from_els
   return agree(a.T_10, from_elsewhere.T_10, k);
 }
 
+std::optional<size_t> Judge::only_place(std::span<const Keyframe* const> keyframes,
+                                        std::span<const RefinedAlignment> found) const {
+  std::optional<size_t> best;
+  for (size_t i = 0; i < found.size(); ++i)
+    if (confirmed(found[i]) && (!best || found[i].inliers > found[*best].inliers)) best = i;
+  if (!best) return {};
+  const SE3 T_WC = keyframes[*best]->T_WC * found[*best].T_10.inverse();
+  for (size_t i = 0; i < found.size(); ++i) {
+    const Keyframe& k = *keyframes[i];
+    if (k.map != keyframes[*best]->map || !confirmed(found[i]) || 2 * found[i].inliers < found[*best].inliers) continue;
+    if (motion_from(T_WC, found[i], k) > kElsewhere * camera.width) return {};
+  }
+  return best;
+}
+
 double Judge::motion_from(const SE3& expected, const RefinedAlignment& a, const Keyframe& k) const {
   return corner_motion(camera, expected.inverse() * (k.T_WC * a.T_10.inverse()), 1 / mean_inverse_depth(k));
 }
 
-bool Judge::agree(const SE3& a, const SE3& b, const Keyframe& k) const {
-  return corner_motion(camera, a * b.inverse(), 1 / mean_inverse_depth(k)) <= kAgree * camera.width;
+double Judge::distance(const SE3& a, const SE3& b, const Keyframe& k) const {
+  return corner_motion(camera, a * b.inverse(), 1 / mean_inverse_depth(k)) / camera.width;
 }
+
+bool Judge::agree(const SE3& a, const SE3& b, const Keyframe& k) const { return distance(a, b, k) <= kAgree; }
 
 bool Judge::becomes_keyframe(Frame& frame, const Keyframe& k, const Found& found, const SE3& T_WC,
                              const TrackFrame& previous) const {

@@ -6,6 +6,12 @@
 #include <iclk/shaders/shared.h>
 
 namespace iclk::internal {
+namespace {
+
+/// The sigma of an unconfirmed pose: rad, and the equivalent translation at the mean depth.
+constexpr double kWeakSigma = 0.03;
+
+}  // namespace
 
 double mean_inverse_depth(const Keyframe& keyframe) {
   double sum = 0;
@@ -15,6 +21,14 @@ double mean_inverse_depth(const Keyframe& keyframe) {
 
 bool inside(const Camera& camera, const Eigen::Vector2d& uv, double border) {
   return uv.x() >= border && uv.y() >= border && uv.x() <= camera.width - 1 - border && uv.y() <= camera.height - 1 - border;
+}
+
+Matrix6d edge_covariance(const TrackResult::Origin& origin, const Keyframe& from) {
+  if (origin.confirmed) return origin.covariance;
+  const double distance = 1 / mean_inverse_depth(from);
+  Vector6d sigma;
+  sigma << Eigen::Vector3d::Constant(kWeakSigma * distance), Eigen::Vector3d::Constant(kWeakSigma);
+  return sigma.cwiseAbs2().asDiagonal();
 }
 
 double corner_motion(const Camera& camera, const SE3& off, double z) {
@@ -57,22 +71,77 @@ Pair pair_of(const Keyframe& keyframe, const TrackFrame& frame, const SE3& T_WC,
           .target_mask = frame.mask};
 }
 
+namespace {
+
+/// The keyframe that was not used for longest.
+auto unused(const std::map<int, Keyframe>& keyframes) {
+  return std::min_element(keyframes.begin(), keyframes.end(),
+                          [](const auto& a, const auto& b) { return a.second.used < b.second.used; });
+}
+
+}  // namespace
+
+int Keyframes::leaving() const {
+  if (size() < capacity_) return -1;
+  return unused(held_)->first;
+}
+
+int Keyframes::free_slot() {
+  const int gone = leaving();
+  if (gone < 0) return size();
+  Keyframe& k = held_.at(gone);
+  const int slot = k.slot;
+  archive(std::move(k));
+  held_.erase(gone);
+  for (auto& [id, keyframe] : held_) keyframe.sightings.erase(gone);
+  return slot;
+}
+
+void Keyframes::archive(Keyframe&& k) {
+  k.sightings.clear();
+  k.seeds.clear();
+  archived_[k.id] = std::move(k);
+  if (archived_.size() > archive_) archived_.erase(unused(archived_));
+}
+
 Keyframe& Keyframes::add(double time, const SE3& T_WC) {
-  int slot = size();
-  if (const int gone = leaving(); gone >= 0) {
-    slot = held_.begin()->second.slot;
-    held_.erase(held_.begin());
-    for (auto& [id, keyframe] : held_) keyframe.sightings.erase(gone);
-  }
+  const int slot = free_slot();
   const auto id = static_cast<int>(places_.size());
   places_.push_back({T_WC, map_});
   Keyframe& keyframe = held_[id];
   keyframe.id = id;
   keyframe.slot = slot;
   keyframe.map = map_;
-  keyframe.time = time;
+  keyframe.time = keyframe.used = time;
   keyframe.T_WC = T_WC;
   return keyframe;
+}
+
+Keyframe& Keyframes::open(int id) {
+  if (Keyframe* held = find(id)) return *held;
+  Keyframe& k = archived_.at(id);
+  k.slot = capacity_ + opened_++ % kOpen;
+  prepare(k);
+  return k;
+}
+
+Keyframe& Keyframes::hold(int id) {
+  if (Keyframe* held = find(id)) return *held;
+  auto kept = archived_.extract(id);  // before another one is archived
+  const int slot = free_slot();
+  Keyframe& k = held_[id] = std::move(kept.mapped());
+  k.slot = slot;
+  k.used = newest().time;
+  prepare(k);
+  return k;
+}
+
+void Keyframes::hold_next(const Keyframe& k, int window) {
+  std::vector<int> ids;
+  for (const auto& [id, features] : k.sightings)
+    if (id <= k.id - window) ids.insert(ids.end(), {id - 1, id + 1});
+  for (const int id : ids)
+    if (const auto at = archived_.find(id); at != archived_.end() && at->second.map == k.map) hold(id);
 }
 
 void Keyframes::prepare(const Keyframe& k) {
@@ -80,8 +149,9 @@ void Keyframes::prepare(const Keyframe& k) {
       k.slot, {.image = k.pixels.frame(camera_).image, .camera = camera_, .features = k.features, .inverse_depth = {}});
 }
 
-void Keyframes::restore(std::map<int, Keyframe> held, std::vector<Place> places, int map) {
+void Keyframes::restore(std::map<int, Keyframe> held, std::map<int, Keyframe> archived, std::vector<Place> places, int map) {
   held_ = std::move(held);
+  archived_ = std::move(archived);
   places_ = std::move(places);
   map_ = map;
 }
@@ -89,10 +159,11 @@ void Keyframes::restore(std::map<int, Keyframe> held, std::vector<Place> places,
 void Keyframes::join(int from, int into, const SE3& T_into_from) {
   for (Place& place : places_)
     if (place.map == from) place = {T_into_from * place.T_WC, into};
-  for (auto& [id, keyframe] : held_) {
-    keyframe.map = places_[static_cast<size_t>(id)].map;
-    keyframe.T_WC = places_[static_cast<size_t>(id)].T_WC;
-  }
+  for (auto* some : {&held_, &archived_})
+    for (auto& [id, keyframe] : *some) {
+      keyframe.map = places_[static_cast<size_t>(id)].map;
+      keyframe.T_WC = places_[static_cast<size_t>(id)].T_WC;
+    }
   if (map_ == from) map_ = into;
 }
 
@@ -108,7 +179,8 @@ Keyframe& Keyframes::newest_of_map() {
 
 void Keyframes::set_pose(int id, const SE3& T_WC) {
   places_.at(static_cast<size_t>(id)).T_WC = T_WC;
-  if (Keyframe* keyframe = find(id)) keyframe->T_WC = T_WC;
+  for (auto* some : {&held_, &archived_})
+    if (const auto at = some->find(id); at != some->end()) at->second.T_WC = T_WC;
 }
 
 std::vector<int> Keyframes::best(const SE3& T_WC, size_t count, double least) const {

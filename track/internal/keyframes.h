@@ -8,6 +8,7 @@
 #include <iclk/refine/refiner.h>
 #include <iclk/track/internal/depth_filter.h>
 #include <iclk/track/internal/frame.h>
+#include <iclk/track/internal/signature.h>
 
 namespace iclk::internal {
 
@@ -17,6 +18,8 @@ struct Keyframe {
   int slot = 0;  ///< of the aligner
   int map = 0;   ///< poses of different maps are unrelated
   double time = 0;
+  double used = 0;  ///< time of the last frame that was aligned with it
+  double way = 0;   ///< length of the camera's way up to it
   double sharpness = 0;
   SE3 T_WC;
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();       ///< rad, while its rows were read, beyond the turn that was corrected
@@ -32,6 +35,7 @@ struct Keyframe {
   };
   std::vector<Seed> seeds;
   FramePixels pixels;  ///< in which features of later keyframes are searched for
+  Signature signature;
   std::optional<TrackResult::Origin> origin;
   /// The positions of this keyframe's features in the images of other keyframes, by id.
   std::map<int, std::vector<AlignedFeature>> sightings;
@@ -44,6 +48,9 @@ Pair pair_of(const Keyframe& keyframe, const TrackFrame& frame, const SE3& T_WC,
 
 /// Whether uv is in the image, at least `border` px from its border.
 bool inside(const Camera& camera, const Eigen::Vector2d& uv, double border);
+
+/// The covariance of a keyframe's motion from `from`.
+Matrix6d edge_covariance(const TrackResult::Origin& origin, const Keyframe& from);
 
 /// px: the largest distance by which `off`, a motion of the camera, moves the image corners at depth z. Infinite if one leaves.
 double corner_motion(const Camera& camera, const SE3& off, double z);
@@ -61,19 +68,37 @@ struct Place {
   int map = 0;
 };
 
-/// At most `capacity` keyframes, each in a slot of the aligner. The places of all keyframes ever made are kept.
+/// The keyframes, and the places of all that were ever made. At most `capacity` are held, each in a slot of the aligner. Others
+/// are archived, at most `archive`; beyond that, those that were not used for longest are forgotten.
 class Keyframes {
  public:
-  Keyframes(Aligner& aligner, const Camera& camera, int capacity) : aligner_(aligner), camera_(camera), capacity_(capacity) {}
+  /// The number of archived keyframes that can be opened together, in slots behind those of the held ones.
+  static constexpr int kOpen = 8;
+
+  Keyframes(Aligner& aligner, const Camera& camera, int capacity, int archive)
+      : aligner_(aligner), camera_(camera), capacity_(capacity), archive_(static_cast<size_t>(archive)) {}
 
   /// Adds a keyframe of the current map, in a free slot or instead of leaving().
   Keyframe& add(double time, const SE3& T_WC);
   /// Sets the reference of the aligner, with the present inverse depths.
   void prepare(const Keyframe& keyframe);
-  /// The keyframe that the next one replaces: the oldest, or -1 if a slot is free.
-  int leaving() const { return size() == capacity_ ? held_.begin()->first : -1; }
-  /// Restores the keyframes, places and current map of another instance.
-  void restore(std::map<int, Keyframe> held, std::vector<Place> places, int map);
+  /// The held keyframe that the next one replaces: the one that was not used for longest, or -1 if a slot is free.
+  int leaving() const;
+  /// Finds a keyframe of those held, or opens an archived one for alignments: it gets a slot until others are opened.
+  Keyframe& open(int id);
+  /// Holds an archived keyframe again, instead of leaving().
+  Keyframe& hold(int id);
+  /// Holds the archived keyframes before and after those that `k` sees again, since they will be seen next.
+  void hold_next(const Keyframe& k, int window);
+  const std::map<int, Keyframe>& archived() const { return archived_; }
+  /// Calls f(keyframe) for all keyframes, held or archived.
+  template <class F>
+  void each(const F& f) const {
+    for (const auto* some : {&held_, &archived_})
+      for (const auto& [id, k] : *some) f(k);
+  }
+  /// Restores another instance.
+  void restore(std::map<int, Keyframe> held, std::map<int, Keyframe> archived, std::vector<Place> places, int map);
   bool empty() const { return held_.empty(); }
   int size() const { return static_cast<int>(held_.size()); }
   Keyframe* find(int id);
@@ -98,9 +123,14 @@ class Keyframes {
   Aligner& aligner_;
   Camera camera_;
   int capacity_;
-  std::map<int, Keyframe> held_;
+  size_t archive_;
+  int free_slot();
+  void archive(Keyframe&& k);
+
+  std::map<int, Keyframe> held_, archived_;
   std::vector<Place> places_;
   int map_ = 0;
+  int opened_ = 0;  // slots that were given to archived keyframes, in turn
 };
 
 }  // namespace iclk::internal

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <utility>
 
+#include <iclk/shaders/shared.h>
+#include <iclk/track/internal/detector.h>
+
 namespace iclk::internal {
 namespace {
 
@@ -12,6 +15,7 @@ constexpr double kMoreVisible = 0.1, kMostInliers = 0.8;
 /// The least visible share of features of a keyframe that is tried: at the expected pose, and at the pose of a lost frame.
 constexpr double kLeastVisible = 0.3, kLeastVisibleLost = 0.2;
 constexpr size_t kOthers = 3;
+constexpr int kSignatureFeatures = 100;
 
 }  // namespace
 
@@ -68,25 +72,32 @@ std::optional<Found> Locator::try_current(const TrackFrame& frame, const Motion&
   return {};
 }
 
-std::optional<Found> Locator::relocalise(const TrackFrame& frame, const SE3& last) {
-  const std::vector<int> ids = lost_among(last);
+std::optional<Found> Locator::relocalise(Frame& frame, const SE3& last) {
   std::vector<Pair> pairs;
-  for (const int id : ids) {
-    const Keyframe& k = *keyframes_.find(id);
-    pairs.push_back(pair_of(k, frame, k.map == keyframes_.current_map() ? last : k.T_WC, true));
+  std::vector<const Keyframe*> tried;
+  for (const int id : lost_among(frame, last)) {
+    tried.push_back(&keyframes_.open(id));
+    const bool here = tried.back()->map == keyframes_.current_map();
+    pairs.push_back(pair_of(*tried.back(), frame.seen(), here ? last : tried.back()->T_WC, true));
   }
   std::vector<RefinedAlignment> found = refiner_.align(pairs);
-  return best_of(ids, found);
+  const auto best = judge_.only_place(tried, found);
+  if (!best) return {};
+  return Found{keyframes_.hold(tried[*best]->id).id, std::move(found[*best])};
 }
 
-std::vector<int> Locator::lost_among(const SE3& last) {
-  const size_t batch = std::min(batch_, static_cast<size_t>(keyframes_.size()));
-  std::vector<int> ids = keyframes_.best(last, batch / 2, kLeastVisibleLost), others;
-  for (const auto& [id, k] : keyframes_.all())
-    if (std::find(ids.begin(), ids.end(), id) == ids.end()) others.push_back(id);
-  for (size_t i = 0; ids.size() < batch; ++i)
-    ids.push_back(others[(static_cast<size_t>(state.next_tried) + i) % others.size()]);
-  state.next_tried += static_cast<int>(batch);
+std::vector<int> Locator::lost_among(Frame& frame, const SE3& last) {
+  std::vector<int> ids = keyframes_.best(last, batch_ / 2, kLeastVisibleLost);
+  const Signature signature =
+      signature_of(frame.grey(), detect_seeds(frame.grey(), {}, frame.seen().mask, {}, kSignatureFeatures, ICLK_PATCH));
+  std::vector<std::pair<double, int>> others;
+  keyframes_.each([&](const Keyframe& k) {
+    if (std::find(ids.begin(), ids.end(), k.id) == ids.end()) others.emplace_back(-likeness(signature, k.signature), -k.id);
+  });
+  std::sort(others.begin(), others.end());
+  int archived = 0;
+  for (size_t i = 0; i < others.size() && ids.size() < batch_; ++i)
+    if (keyframes_.find(-others[i].second) || archived++ < Keyframes::kOpen) ids.push_back(-others[i].second);
   return ids;
 }
 

@@ -29,20 +29,19 @@ class Locator {
   std::optional<Found> credible(const Search& search, double visible);
   /// Aligns with the current keyframe, from the expected pose and from the last pose.
   std::optional<Found> try_current(const TrackFrame& frame, const Motion& motion, Search& search);
-  /// Searches with one batch of keyframes, to limit the time of a frame: the ones near the last pose, and the others in turn,
-  /// of all maps.
-  std::optional<Found> relocalise(const TrackFrame& frame, const SE3& last);
+  /// Searches with one batch of keyframes: those near the last pose, and those of all maps, held or archived, that look most
+  /// like the frame. The keyframe that is found is held afterwards.
+  std::optional<Found> relocalise(Frame& frame, const SE3& last);
 
   struct State {
-    int current = 0;     ///< the keyframe with which the last frame was aligned
-    int next_tried = 0;  ///< where relocalise() continues among the keyframes
+    int current = 0;  ///< the keyframe with which the last frame was aligned
   } state;
 
  private:
   /// Keeps the pose in `search` if it is credible and has more inliers than the one there.
   void consider(int id, const RefinedAlignment& a, Search& search);
   std::optional<Found> best_of(std::span<const int> ids, std::span<RefinedAlignment> found);
-  std::vector<int> lost_among(const SE3& last);
+  std::vector<int> lost_among(Frame& frame, const SE3& last);
 
   Camera camera_;
   const Judge& judge_;

@@ -4,43 +4,63 @@
 #include <utility>
 
 namespace iclk::internal {
-std::vector<int> PlaceFinder::in_other_maps(const Keyframe& k) {
-  std::vector<int> all, ids;
-  for (const auto& [id, other] : keyframes_.all())
-    if (other.map != k.map) all.push_back(id);
-  const size_t count = std::min(batch_, all.size());
-  for (size_t i = 0; i < count; ++i) ids.push_back(all[(static_cast<size_t>(state.next_tried) + i) % all.size()]);
-  state.next_tried += static_cast<int>(count);
-  return ids;
+namespace {
+
+constexpr size_t kAlike = 2, kNear = 2;  ///< candidates: by their signatures, and by their poses in the map
+constexpr double kLeastLikeness = 0.13;  ///< of a candidate
+constexpr double kLeastVisible = 0.3;    ///< of its features, by its pose in the map
+static_assert(kAlike + kNear <= Keyframes::kOpen);
+
+}  // namespace
+
+std::vector<PlaceFinder::Candidate> PlaceFinder::candidates(const Keyframe& k) const {
+  struct Ranked {
+    double score;
+    int id;
+  };
+  std::vector<Ranked> alike, near;
+  keyframes_.each([&](const Keyframe& other) {
+    if (other.map == k.map && (other.id > k.id - window_ || k.sightings.count(other.id) > 0)) return;
+    if (const double l = likeness(k.signature, other.signature); l >= kLeastLikeness) alike.push_back({l, other.id});
+    if (other.map != k.map) return;
+    if (const double v = overlap(camera_, other, k.T_WC).visible; v >= kLeastVisible) near.push_back({v, other.id});
+  });
+  std::vector<Candidate> out;
+  const auto add = [&](std::vector<Ranked>& ranked, size_t most, bool by_matching) {
+    std::sort(ranked.begin(), ranked.end(),
+              [](const Ranked& a, const Ranked& b) { return a.score != b.score ? a.score > b.score : a.id > b.id; });
+    for (size_t i = 0; i < std::min(most, ranked.size()); ++i) out.push_back({ranked[i].id, by_matching});
+  };
+  add(near, kNear, false);
+  add(alike, kAlike, true);
+  return out;
 }
 
-std::optional<Link> PlaceFinder::find_in_other_maps(Keyframe& k, const TrackFrame& before, const SE3& T_WC) {
-  const std::vector<int> ids = in_other_maps(k);
-  if (ids.empty()) return {};
+std::optional<Link> PlaceFinder::find(Keyframe& k, const TrackFrame& before, const SE3& T_WC) {
+  const std::vector<Candidate> tried = candidates(k);
+  if (tried.empty()) return {};
   std::vector<Pair> pairs;
-  for (const int id : ids) {
-    const Keyframe& other = *keyframes_.find(id);
-    pairs.push_back(pair_of(other, k.pixels.frame(camera_), other.T_WC, true));
+  std::vector<const Keyframe*> others;
+  for (const Candidate& c : tried) {
+    others.push_back(&keyframes_.open(c.id));
+    const SE3& start = others.back()->map == k.map ? k.T_WC : others.back()->T_WC;
+    pairs.push_back(pair_of(*others.back(), k.pixels.frame(camera_), start, c.by_matching));
   }
   std::vector<RefinedAlignment> found = refiner_.align(pairs);
-  size_t best = ids.size();
-  for (size_t i = 0; i < ids.size(); ++i)
-    if (judge_.confirmed(found[i]) && (best == ids.size() || found[i].inliers > found[best].inliers)) best = i;
-  if (best == ids.size()) return {};
-  return verify(k, *keyframes_.find(ids[best]), std::move(found[best]), before, T_WC.inverse() * k.T_WC);
+  const auto best = judge_.only_place(others, found);
+  if (!best) return {};
+  return verify(k, *others[*best], std::move(found[*best]), before, T_WC.inverse() * k.T_WC);
 }
 
-std::optional<Link> PlaceFinder::verify(Keyframe& k, Keyframe& other, RefinedAlignment there, const TrackFrame& before,
-                                        const SE3& T_before_k) {
+std::optional<Link> PlaceFinder::verify(const Keyframe& k, const Keyframe& other, RefinedAlignment there,
+                                        const TrackFrame& before, const SE3& T_before_k) {
   const SE3 T_k_other = there.T_10;
   const SE3 expected = other.T_WC * (T_before_k * T_k_other).inverse();  // T_WC of the frame before, in the other map
   const RefinedAlignment earlier = refiner_.align(pair_of(other, before, expected));
   if (!judge_.confirmed(earlier) || !judge_.agree(earlier.T_10, T_before_k * T_k_other, other)) return {};
   RefinedAlignment back = refiner_.align(pair_of(k, other.pixels.frame(camera_), k.T_WC * T_k_other));
   if (!judge_.confirmed(back) || !judge_.agree(back.T_10, T_k_other.inverse(), k)) return {};
-  other.sightings[k.id] = std::move(there.features);
-  k.sightings[other.id] = std::move(back.features);
-  return Link{other.id, k.id, T_k_other, there.covariance};
+  return Link{{other.id, k.id, T_k_other, there.covariance}, std::move(there.features), std::move(back.features)};
 }
 
 }  // namespace iclk::internal

@@ -4,6 +4,7 @@
 
 #include <iclk/track/internal/learned_locator.h>
 #include <iclk/track/internal/locator.h>
+#include <iclk/track/internal/loops.h>
 #include <iclk/track/internal/place_finder.h>
 #include <iclk/track/internal/seeder.h>
 #include <iclk/track/internal/unroller.h>
@@ -32,8 +33,9 @@ struct Tracker::Impl {
   /// Aligns with the current keyframe by the learned models.
   std::optional<Found> align_learned(const TrackFrame& frame, const SE3& expected);
   TrackResult lose(Frame& frame, TrackResult result);
-  /// Joins the current map with another one in which the new keyframe `k` is found.
-  void join_maps(internal::Keyframe& k, TrackResult& result);
+  /// Finds an earlier visit of the new keyframe's place: closes a loop, or joins two maps.
+  void recognise(internal::Keyframe& k, TrackResult& result);
+  void join_maps(internal::Keyframe& k, const internal::BundleEdge& link);
   /// Makes a keyframe of the frame. `found`: its alignment with another keyframe, or null. Returns false if it has too few
   /// features.
   bool make_keyframe(Frame& frame, const SE3& T_WC, const std::optional<TrackResult::Origin>& origin, const Found* found,
@@ -55,6 +57,7 @@ struct Tracker::Impl {
   internal::Unroller unroller;
   internal::Locator locator;
   internal::PlaceFinder places;
+  internal::Loops loops;
   std::optional<internal::LearnedLocator> learned;
   internal::Window window;
   internal::Seeder seeder;
@@ -66,6 +69,7 @@ struct Tracker::Impl {
     std::optional<TrackResult::Origin> origin;
   } previous;
   std::optional<internal::FramePixels> unplaced;  ///< the last lost frame from which a map can begin
+  double way = 0;                                 ///< length, of the frames with a pose
   int maps = 1;                                   ///< ever begun
   int64_t frames_lost = 0;                        ///< since the last frame with a pose
   std::optional<double> last_time;                ///< of any frame

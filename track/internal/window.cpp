@@ -8,18 +8,9 @@
 namespace iclk::internal {
 namespace {
 
-/// The sigma of an unconfirmed pose: rad, and the equivalent translation at the mean depth.
-constexpr double kWeakSigma = 0.03;
 constexpr double kLeastVisible = 0.3;  ///< of a neighbour's features
+constexpr double kMostDrift = 0.05;    ///< of the image's width, of an older keyframe that the window is connected with
 constexpr double kFloor = 0.5;         ///< px: BundleOptions::floor
-
-Matrix6d edge_covariance(const TrackResult::Origin& origin, const Keyframe& from) {
-  if (origin.confirmed) return origin.covariance;
-  const double distance = 1 / mean_inverse_depth(from);
-  Vector6d sigma;
-  sigma << Eigen::Vector3d::Constant(kWeakSigma * distance), Eigen::Vector3d::Constant(kWeakSigma);
-  return sigma.cwiseAbs2().asDiagonal();
-}
 
 }  // namespace
 
@@ -41,6 +32,12 @@ std::vector<Neighbour> Window::neighbours_of(const TrackFrame& frame, const SE3&
   if (pairs.empty()) return out;
   std::vector<RefinedAlignment> there = refiner_.align(pairs);
   for (size_t i = 0; i < of.size(); ++i) out[of[i]].there = std::move(there[i]);
+  // An older keyframe that drift has moved waits until a loop is closed (Loops): it would bend the window.
+  const int newest = static_cast<int>(keyframes_.places().size());
+  std::erase_if(out, [&](const Neighbour& n) {
+    return n.keyframe->id < newest - size_ && judge_.confirmed(n.there) &&
+           judge_.distance(n.there.T_10, T_WC.inverse() * n.keyframe->T_WC, *n.keyframe) > kMostDrift;
+  });
   return out;
 }
 
