@@ -1,0 +1,100 @@
+// Places seen again: loops that exist, and loops that only seem to.
+#include <iclk/track/internal/tracker_impl.h>
+
+#include "flight.h"
+
+namespace iclk::test {
+namespace {
+
+const Camera kSmall{140, 140, 79.5, 59.5, 160, 120};
+
+TrackerOptions small_options() {
+  TrackerOptions options;
+  options.features = 80;
+  options.border = 6;
+  options.min_inliers = 15;
+  options.depth_sigma = {.relative = 0.001};
+  options.keyframes = 8;
+  options.window = 3;
+  return options;
+}
+
+SE3 looking_down(double x, double y) {
+  Eigen::Matrix3d down;
+  down << 1, 0, 0, 0, -1, 0, 0, 0, -1;
+  return {down, Eigen::Vector3d(x, y, 120)};
+}
+
+struct Flown {
+  std::vector<double> errors;  // m, of every frame by the keyframes' last poses
+  int lost = 0, maps = 0;
+  size_t loops = 0;
+};
+
+Flown fly(const std::shared_ptr<const Terrain>& terrain, const std::vector<SE3>& truth, const TrackerOptions& options) {
+  TerrainRenderer renderer(device(), terrain);
+  AlignerOptions how;
+  how.search = true;
+  const auto aligner = make_device_aligner(device(), Tracker::plan(kSmall, options), how, Solver::device);
+  Tracker tracker(*aligner, kSmall, options);
+  std::vector<TrackResult> results;
+  for (size_t i = 0; i < truth.size(); ++i) {
+    const View view = renderer.render(kSmall, truth[i]);
+    results.push_back(tracker.track({0.1 * static_cast<double>(i), view.image(), view.depth_image(), {}}));
+  }
+  Flown out;
+  for (size_t i = 0; i < truth.size(); ++i) {
+    const TrackResult& r = results[i];
+    out.lost += r.status == TrackStatus::lost;
+    if (r.status == TrackStatus::lost) continue;
+    out.maps = std::max(out.maps, tracker.keyframe_map(r.keyframe) + 1);
+    const SE3 T_WC = tracker.keyframe_pose(r.keyframe) * r.T_CK.inverse();
+    out.errors.push_back((T_WC.t - (truth[0].inverse() * truth[i]).t).norm());
+  }
+  out.loops = tracker.internals().loops.state.loops.size();
+  return out;
+}
+
+TEST(Loops, AFigureOfEightIsClosed) {
+  ICLK_NEED_DEVICE();
+  const auto terrain = std::make_shared<const Terrain>(procedural_terrain({.seed = 3, .size = 256}));
+  std::vector<SE3> truth;
+  for (int i = 0; i < 70; ++i) {
+    const double a = 2 * M_PI * i / 64;
+    truth.push_back(looking_down(128 + 65 * std::sin(a), 128 + 65 * std::sin(a) * std::cos(a)));
+  }
+  TrackerOptions options = small_options();
+  const Flown closed = fly(terrain, truth, options);
+  options.archive = 0;
+  const Flown open = fly(terrain, truth, options);
+  EXPECT_EQ(closed.lost, 0);
+  EXPECT_GE(closed.loops, 2u);
+  EXPECT_EQ(open.loops, 0u);
+  EXPECT_LT(*std::max_element(closed.errors.begin(), closed.errors.end()),
+            0.7 * *std::max_element(open.errors.begin(), open.errors.end()));
+}
+
+/// The same 160 m of ground again and again; a view shows 103 m of it.
+TEST(Loops, RepeatedGroundIsNoLoop) {
+  ICLK_NEED_DEVICE();
+  Terrain once = procedural_terrain({.seed = 5, .size = 512});
+  const auto repeat = [](auto& values, const Grid& grid) {
+    const int period = static_cast<int>(std::lround(160 / grid.step_y));
+    for (int v = period; v < grid.height; ++v)
+      std::copy_n(values.begin() + static_cast<std::ptrdiff_t>(v - period) * grid.width, grid.width,
+                  values.begin() + static_cast<std::ptrdiff_t>(v) * grid.width);
+  };
+  repeat(once.height, once.relief);
+  repeat(once.rgba, once.mosaic);
+  const auto terrain = std::make_shared<const Terrain>(std::move(once));
+  std::vector<SE3> truth;
+  for (int i = 0; i < 60; ++i) truth.push_back(looking_down(256, 80 + 6.0 * i));
+  const Flown flown = fly(terrain, truth, small_options());
+  EXPECT_EQ(flown.lost, 0);
+  EXPECT_EQ(flown.maps, 1);
+  EXPECT_EQ(flown.loops, 0u);
+  EXPECT_LT(*std::max_element(flown.errors.begin(), flown.errors.end()), 10);
+}
+
+}  // namespace
+}  // namespace iclk::test
