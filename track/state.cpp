@@ -65,7 +65,7 @@ void archive(Stream& s, Unroller::State::Turned& t) {
 
 namespace {
 
-constexpr uint64_t kMagic = 0x35304b4c43494b54;  // changes with the contents of a state
+constexpr uint64_t kMagic = 0x36304b4c43494b54;  // changes with the contents of a state
 
 /// FNV-1a, 64 bits.
 uint64_t checksum(std::span<const uint8_t> bytes) {
@@ -81,10 +81,80 @@ void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyfra
   internal::Unroller::State& turn = m.unroller.state;
   internal::archive_all(s, held, archived, places, map, m.locator.state.current, motion.last, m.previous.pixels,
                         m.previous.rate, m.previous.origin, motion.velocity, motion.seconds, turn.rate, turn.bent.turn,
-                        turn.bent.sigma, turn.bent.seen, turn.turned, motion.lost, m.unplaced, m.maps, m.way, m.frames_lost,
-                        m.loops.state.motions, m.loops.state.loops, m.loops.state.waiting, m.last_time);
+                        turn.bent.sigma, turn.bent.seen, turn.turned, motion.lost, m.unplaced, m.maps, m.way, m.frames_tracked,
+                        m.frames_lost, m.loops.state.motions, m.loops.state.loops, m.loops.state.waiting, m.last_time,
+                        m.keyframes.clock);
   turn.changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
   turn.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
+}
+
+void require(bool good, const char* what) {
+  if (!good) throw Error(ErrorCode::invalid_argument, what);
+}
+
+constexpr const char* kBroken = "the saved tracker state contradicts itself";
+
+bool same(const Camera& a, const Camera& b) {
+  return a.width == b.width && a.height == b.height && a.fx == b.fx && a.fy == b.fy && a.cx == b.cx && a.cy == b.cy;
+}
+
+void check(const SE3& T) {
+  require(T.R.allFinite() && T.t.allFinite() && (T.R.transpose() * T.R - Eigen::Matrix3d::Identity()).norm() < 1e-6, kBroken);
+}
+
+void check(const internal::FramePixels& p, const Camera& camera) {
+  const size_t area = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
+  require(p.format >= PixelFormat::r8 && p.format <= PixelFormat::rgba32f && p.image.size() == area * bytes_per_pixel(p.format),
+          kBroken);
+  require((p.mask.empty() || p.mask.size() == area) && (p.depth.empty() || p.depth.size() == area), kBroken);
+}
+
+/// A keyframe of a state that may come from anywhere.
+void check(const internal::Keyframe& k, size_t keyframes, const Camera& camera, const TrackerOptions& options) {
+  const size_t n = k.features.uv.size();
+  require(n <= static_cast<size_t>(options.features), "the saved tracker state has keyframes with more features");
+  require(n > 0 && k.features.inverse_depth.size() == n && k.measured.size() == n && k.sigma.size() == n, kBroken);
+  require(k.features.inverse_depth_sigma.empty() || k.features.inverse_depth_sigma.size() == n, kBroken);
+  for (size_t i = 0; i < n; ++i)
+    require(internal::inside(camera, k.features.uv[i], 0) && k.features.inverse_depth[i] > 0 &&
+                std::isfinite(k.features.inverse_depth[i]),
+            kBroken);
+  check(k.T_WC);
+  check(k.pixels, camera);
+  const auto known = [&](int id) { return id >= 0 && static_cast<size_t>(id) < keyframes; };
+  require(known(k.id) && (!k.origin || known(k.origin->keyframe)), kBroken);
+  for (const auto& [id, features] : k.sightings) require(known(id) && features.size() == n, kBroken);
+}
+
+/// Checks what indices, sizes and numbers a damaged or malicious state could break.
+void check(const Tracker::Impl& m) {
+  const auto& places = m.keyframes.places();
+  for (const internal::Place& place : places) {
+    check(place.T_WC);
+    require(place.map >= 0 && place.map < m.maps, kBroken);
+  }
+  std::vector<bool> taken(static_cast<size_t>(m.options.keyframes));
+  for (const auto& [id, k] : m.keyframes.all()) {
+    require(k.id == id && k.slot >= 0 && k.slot < m.options.keyframes && !taken[static_cast<size_t>(k.slot)], kBroken);
+    taken[static_cast<size_t>(k.slot)] = true;
+    for (const auto& [seen_in, features] : k.sightings) require(m.keyframes.all().count(seen_in) > 0, kBroken);
+  }
+  require(m.keyframes.archived().empty() || !m.keyframes.empty(), kBroken);
+  m.keyframes.each([&](const internal::Keyframe& k) {
+    check(k, places.size(), m.camera, m.options);
+    require(k.map == places[static_cast<size_t>(k.id)].map, kBroken);
+  });
+  for (const auto* edges : {&m.loops.state.motions, &m.loops.state.loops, &m.loops.state.waiting})
+    for (const internal::BundleEdge& e : *edges) {
+      for (const int id : {e.from, e.to}) require(id >= 0 && static_cast<size_t>(id) < places.size(), kBroken);
+      check(e.T_to_from);
+      require(e.covariance.allFinite(), kBroken);
+    }
+  require(m.motion.last.has_value() == !m.keyframes.empty(), kBroken);
+  if (!m.motion.last) return;
+  check(m.motion.last->T_WC);
+  check(m.previous.pixels, m.camera);
+  if (m.unplaced) check(*m.unplaced, m.camera);
 }
 
 }  // namespace
@@ -93,7 +163,8 @@ std::vector<uint8_t> Tracker::state() const {
   Impl& m = *impl_;  // not const: archive() is the same function for reading and writing
   internal::Writer writer;
   uint64_t magic = kMagic, sum = 0;
-  internal::archive_all(writer, magic, sum, m.camera.width, m.camera.height, m.options.keyframes);
+  internal::archive_all(writer, magic, sum, m.camera.width, m.camera.height, m.camera.fx, m.camera.fy, m.camera.cx, m.camera.cy,
+                        m.options.keyframes);
   std::vector<internal::Place> places = m.keyframes.places();
   int map = m.keyframes.current_map();
   std::map<int, internal::Keyframe> archived = m.keyframes.archived();
@@ -104,18 +175,16 @@ std::vector<uint8_t> Tracker::state() const {
 }
 
 void Tracker::restore(std::span<const uint8_t> state) {
-  const auto require = [](bool good, const char* what) {
-    if (!good) throw Error(ErrorCode::invalid_argument, what);
-  };
   internal::Reader reader(state);
   uint64_t magic = 0, sum = 0;
-  int width = 0, height = 0, capacity = 0;
+  Camera camera;
+  int capacity = 0;
   internal::archive_all(reader, magic, sum);
   require(magic == kMagic, "not a saved tracker state, or one of another version");
   require(sum == checksum(state.subspan(2 * sizeof(uint64_t))), "the saved tracker state is damaged");
-  internal::archive_all(reader, width, height, capacity);
+  internal::archive_all(reader, camera.width, camera.height, camera.fx, camera.fy, camera.cx, camera.cy, capacity);
   Impl& m = *impl_;
-  require(width == m.camera.width && height == m.camera.height && capacity == m.options.keyframes,
+  require(same(camera, m.camera) && capacity == m.options.keyframes,
           "the saved tracker state is for another camera or number of keyframes");
   auto fresh = std::make_unique<Impl>(m.aligner, m.camera, m.options);
   std::map<int, internal::Keyframe> held, archived;
@@ -124,6 +193,7 @@ void Tracker::restore(std::span<const uint8_t> state) {
   archive_tracker(reader, *fresh, held, archived, places, map);
   require(reader.left() == 0, "the saved tracker state is too long");
   fresh->keyframes.restore(std::move(held), std::move(archived), std::move(places), map);
+  check(*fresh);
   try {
     for (const auto& [id, k] : fresh->keyframes.all()) fresh->keyframes.prepare(k);
   } catch (...) {
@@ -132,6 +202,16 @@ void Tracker::restore(std::span<const uint8_t> state) {
   }
   fresh->learned = std::move(m.learned);
   impl_ = std::move(fresh);
+}
+
+void Tracker::start_in(std::span<const uint8_t> state) {
+  restore(state);
+  Impl& m = *impl_;
+  m.motion.lose();
+  m.unroller.lose();
+  m.unplaced.reset();
+  m.last_time.reset();
+  m.frames_lost = 0;
 }
 
 }  // namespace iclk

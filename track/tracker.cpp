@@ -112,6 +112,7 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
 TrackResult Tracker::Impl::track(const TrackFrame& given) {
   check(given);
   last_time = given.time;
+  ++keyframes.clock;
   Frame frame(given);
   TrackResult result;
   result.time = given.time;
@@ -126,7 +127,7 @@ TrackResult Tracker::Impl::track(const TrackFrame& given) {
   internal::Keyframe& k = *keyframes.find(found->keyframe);
   locator.state.current = k.id;
   keyframes.enter(k.map);
-  k.used = given.time;
+  k.used = keyframes.clock;
   tell(*found, k, result);
   unroller.learn(frame, k, *found, motion, result.T_WC);
   const TrackResult::Origin origin{k.id, result.T_CK, found->confirmed, result.covariance};
@@ -155,7 +156,9 @@ TrackResult Tracker::Impl::begin(Frame& frame, TrackResult result) {
     result.reason = "no frame with depth and texture yet";
     return result;
   }
-  result.reason = "the first keyframe";
+  result.reason =
+      maps == 1 ? "the first keyframe" : "a new map: the camera was lost for longer than the last map had tracked it";
+  frames_tracked = 0;
   result.confirmed = true;
   keep(frame.seen(), Eigen::Vector3d::Zero(), {}, result.T_WC);
   return result;
@@ -201,6 +204,7 @@ std::optional<internal::Found> Tracker::Impl::follow_unplaced(const TrackFrame& 
     return {};
   }
   ++maps;
+  frames_tracked = 1;
   unroller.begin();
   motion.last = internal::Motion::Last{before.given.time, {}};
   result.map = keyframes.current_map();
@@ -263,8 +267,12 @@ TrackResult Tracker::Impl::lose(Frame& frame, TrackResult result) {
   motion.lose();
   unroller.lose();
   ++frames_lost;
-  if (measure(frame).size() >= least_features()) unplaced.emplace().keep(frame.given);
-  return result;
+  if (measure(frame).size() < least_features()) return result;
+  unplaced.emplace().keep(frame.given);
+  if (frames_lost <= frames_tracked) return result;
+  keyframes.enter(maps++);  // the map began with a bad frame
+  result.map = keyframes.current_map();
+  return begin(frame, std::move(result));
 }
 
 const Features& Tracker::Impl::measure(Frame& frame) const {
@@ -340,6 +348,7 @@ void Tracker::Impl::keep(const TrackFrame& pixels, const Eigen::Vector3d& rate,
   if (!motion.lost && motion.last) way += (T_WC.t - motion.last->T_WC.t).norm();
   motion.add(pixels.time, T_WC);
   unplaced.reset();
+  ++frames_tracked;
   frames_lost = 0;
   previous.pixels.keep(pixels);
   previous.rate = rate;

@@ -134,8 +134,12 @@ class Tracker {
   /// The complete state, about 0.5 MB per keyframe at 640x480.
   std::vector<uint8_t> state() const;
   /// Continues from a state of a tracker with the same aligner settings, camera and options; later results are bit-identical.
-  /// Throws Error(invalid_argument) for data that state() did not return; then the tracker is unchanged.
+  /// Throws Error(invalid_argument) for data that state() did not return, which may come from anywhere; then the tracker is
+  /// unchanged.
   void restore(std::span<const uint8_t> state);
+  /// Starts a recording in the map of an earlier one, of which `state` is: the camera is anywhere in it, and times start anew.
+  /// The map grows. Throws as restore() does, also for keyframes with more features than TrackerOptions::features.
+  void start_in(std::span<const uint8_t> state);
   Readout readout() const;
 
   struct Impl;                                      ///< internal/tracker_impl.h

@@ -175,6 +175,26 @@ TEST(Track, AKilledRunGoesOnToTheSameBits) {
   EXPECT_EQ(run(command(killed)).out.find("continued"), std::string::npos);  // done is done: it begins anew
 }
 
+TEST(Track, ASecondRunIsInTheMapOfTheFirst) {
+  ICLK_NEED_DEVICE();
+  const std::string data = data_folder("tartan_60");
+  if (data.empty()) GTEST_SKIP() << test::no_data("tartan_60");
+  const Folder folder;
+  const std::string first = folder.path("first"), second = folder.path("second");
+  Finished f = run({"track", data, "--depth-sigma", "rendered", "--frames", "30", "--out", first});
+  ASSERT_EQ(f.code, 0) << f.err;
+  f = run({"track", data, "--depth-sigma", "rendered", "--first", "20", "--map", first, "--out", second});
+  ASSERT_EQ(f.code, 0) << f.err;
+  EXPECT_NE(f.out.find("40 tracked"), std::string::npos) << f.out;
+  EXPECT_NE(f.out.find("from an earlier run"), std::string::npos) << f.out;
+  const auto all = load_trajectory(first + "/trajectory.txt"), again = load_trajectory(second + "/trajectory.txt");
+  for (size_t i = 0; i < 10; ++i) EXPECT_LT((again[i].T_wc.t - all[20 + i].T_wc.t).norm(), 0.02) << i;  // frames of both
+  folder.write("first/map.state", "no map");
+  f = run({"track", data, "--map", first});
+  EXPECT_EQ(f.code, 3) << f.err;
+  EXPECT_NE(f.err.find("map.state"), std::string::npos) << f.err;
+}
+
 TEST(Track, OneRunAFolder) {
   ICLK_NEED_DEVICE();
   const std::string data = data_folder("tartan_60");

@@ -1,6 +1,8 @@
 // A flight over terrain made in code, with exact depth and poses, and what goes wrong on flights.
 #include <iclk/track/internal/tracker_impl.h>
 
+#include <cstring>
+
 #include "flight.h"
 
 namespace iclk::test {
@@ -284,6 +286,60 @@ TEST(Tracker, AStateGoesOnToTheBit) {
   other.keyframes = 11;
   EXPECT_THROW(Tracking(other).tracker.restore(state), Error);
   EXPECT_EQ(next.tracker.state(), before);
+}
+
+TEST(Tracker, ARecordingStartsInTheMapOfAnEarlierOne) {
+  ICLK_NEED_DEVICE();
+  Tracking earlier, later;
+  for (int i = 0; i < 14; ++i) earlier.track(i);
+  later.tracker.start_in(earlier.tracker.state());
+  const int known = later.tracker.keyframe_count();
+  double time = -100;  // another clock
+  for (const int i : {3, 4, 5, 13, 14, 15, 16, 17}) {
+    TrackFrame frame = Flight::get().frame(i);
+    frame.time = ++time;
+    const TrackResult r = later.track(frame);
+    ASSERT_NE(r.status, TrackStatus::lost) << i << ": " << r.reason;
+    EXPECT_EQ(r.map, 0);
+    EXPECT_LT(later.error(r, i), 0.3) << i;
+  }
+  EXPECT_GT(later.tracker.keyframe_count(), known);  // the map grew
+}
+
+/// A state that fits its checksum, but may contain anything, is refused or used; nothing is read beyond it.
+TEST(Tracker, AMaliciousStateDoesNoHarm) {
+  ICLK_NEED_DEVICE();
+  TrackerOptions options = options_for();
+  options.keyframes = 2;
+  options.window = 1;
+  options.min_visible = 0.95;
+  Tracking t(options), victim(options);
+  for (int i = 0; i < 6; ++i) t.track(i);
+  const std::vector<uint8_t> state = t.tracker.state();
+  uint32_t random = 1;
+  const auto next = [&] { return (random = random * 1664525u + 1013904223u) >> 8; };
+  int refused = 0;
+  for (int round = 0; round < 60; ++round) {
+    std::vector<uint8_t> bad = state;
+    const size_t at = 16 + (round % 2 == 0 ? next() % 80 : next() % (bad.size() - 24));
+    for (size_t i = 0; i < 8; ++i) bad[at + i] = round % 4 < 2 ? 0xff : static_cast<uint8_t>(next());
+    uint64_t h = 0xcbf29ce484222325;
+    for (size_t i = 16; i < bad.size(); ++i) h = (h ^ bad[i]) * 0x100000001b3;
+    std::memcpy(bad.data() + 8, &h, 8);
+    try {
+      victim.tracker.start_in(bad);
+      TrackFrame frame = Flight::get().frame(7);
+      frame.time = 1e9 + round;
+      victim.track(frame);
+    } catch (const Error&) {
+      ++refused;
+    }
+  }
+  EXPECT_GT(refused, 15);
+  Camera other = Flight::get().camera;
+  other.fx += 1;
+  Tracker with_other(*victim.aligner, other, options);
+  EXPECT_THROW(with_other.start_in(state), Error);
 }
 
 TEST(Tracker, WhatCannotBeTrackedIsRefused) {

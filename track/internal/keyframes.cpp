@@ -112,7 +112,8 @@ Keyframe& Keyframes::add(double time, const SE3& T_WC) {
   keyframe.id = id;
   keyframe.slot = slot;
   keyframe.map = map_;
-  keyframe.time = keyframe.used = time;
+  keyframe.time = time;
+  keyframe.used = clock;
   keyframe.T_WC = T_WC;
   return keyframe;
 }
@@ -131,7 +132,7 @@ Keyframe& Keyframes::hold(int id) {
   const int slot = free_slot();
   Keyframe& k = held_[id] = std::move(kept.mapped());
   k.slot = slot;
-  k.used = newest().time;
+  k.used = clock;
   prepare(k);
   return k;
 }

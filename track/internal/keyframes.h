@@ -18,8 +18,8 @@ struct Keyframe {
   int slot = 0;  ///< of the aligner
   int map = 0;   ///< poses of different maps are unrelated
   double time = 0;
-  double used = 0;  ///< time of the last frame that was aligned with it
-  double way = 0;   ///< length of the camera's way up to it
+  int64_t used = 0;  ///< Keyframes::clock when a frame was last aligned with it
+  double way = 0;    ///< length of the camera's way up to it
   double sharpness = 0;
   SE3 T_WC;
   Eigen::Vector3d turn = Eigen::Vector3d::Zero();       ///< rad, while its rows were read, beyond the turn that was corrected
@@ -77,6 +77,8 @@ class Keyframes {
 
   Keyframes(Aligner& aligner, const Camera& camera, int capacity, int archive)
       : aligner_(aligner), camera_(camera), capacity_(capacity), archive_(static_cast<size_t>(archive)) {}
+
+  int64_t clock = 0;  ///< frames that have come, of all recordings
 
   /// Adds a keyframe of the current map, in a free slot or instead of leaving().
   Keyframe& add(double time, const SE3& T_WC);

@@ -71,7 +71,7 @@ struct Tracker::Impl {
   std::optional<internal::FramePixels> unplaced;  ///< the last lost frame from which a map can begin
   double way = 0;                                 ///< length, of the frames with a pose
   int maps = 1;                                   ///< ever begun
-  int64_t frames_lost = 0;                        ///< since the last frame with a pose
+  int64_t frames_tracked = 0, frames_lost = 0;    ///< since the current map was begun; since the last frame with a pose
   std::optional<double> last_time;                ///< of any frame
 };
 

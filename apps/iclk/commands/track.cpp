@@ -22,7 +22,7 @@ constexpr double kStereoSigma = 0.5;  // px of disparity
 
 struct TrackCommand {
   TrackRunOptions run;
-  bool peers = false;
+  bool peers = false, no_loops = false;
   std::string camera, distortion, solver = "device", readout = "0", depth_sigma;
   Settings settings;
 };
@@ -51,6 +51,7 @@ const char* const kTrackFooter =
     "  iclk track recording --readout auto --out tracked              # rolling shutter, as of a phone or a Kinect\n"
     "  iclk track recording --model sd6dof-small --stride 2\n"
     "  iclk track recording --mask bonnet.png --out tracked\n"
+    "  iclk track recording2 --map tracked --out tracked2             # in the map of an earlier run\n"
     "  iclk track recording --depth first.png --out tracked           # depth of the first frame only\n"
     "  iclk track video.mp4 --camera 517.3,516.5,318.6,255.3 --depth depths --depth-scale 5000 --out tracked\n"
     "\n"
@@ -71,6 +72,7 @@ TrackRunOptions run_options(const TrackCommand& command) {
   if (!command.camera.empty()) options.frames.camera = load_camera(command.camera);
   if (!command.distortion.empty()) options.frames.distortion = parse_distortion(command.distortion);
   options.solver = parse_solver(command.solver);
+  if (command.no_loops) options.tracker.archive = 0;
   if (const double share = options.frames.depth_holes; !(share >= 0 && share <= 1))
     throw Error(ErrorCode::invalid_argument, fmt::format("--set depth-holes={}: must be 0 to 1", share));
   if (command.readout == "auto") return options;
@@ -116,7 +118,8 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
   }
   if (!options.out.empty())
     print(
-        "written    trajectory.txt, trajectory_kitti.txt, live.txt, maps.txt, keyframes.txt, frames.jsonl, map.ply, path.png "
+        "written    trajectory.txt, trajectory_kitti.txt, live.txt, maps.txt, keyframes.txt, frames.jsonl, map.ply, map.state, "
+        "path.png "
         "in " +
         options.out + "\n");
   if (!command.peers) return;
@@ -170,6 +173,14 @@ void add_tracking(CLI::App& command, TrackCommand& options) {
   command.option_defaults()->group("Tracking");
   TrackRunOptions& run = options.run;
   TrackerOptions& tracker = run.tracker;
+  command
+      .add_option(
+          "--map", run.map,
+          "Folder --out of an earlier run with the same camera: poses are in its map, which grows; the result is in the "
+          "--out of this run")
+      ->type_name("DIR")
+      ->check(CLI::ExistingDirectory);
+  command.add_flag("--no-loops", options.no_loops, "Do not recognise places that were seen before");
   command.add_option("--count", tracker.features, "Features per keyframe")->capture_default_str();
   command
       .add_option(
@@ -197,7 +208,9 @@ void add_tracking(CLI::App& command, TrackCommand& options) {
 void add_settings(TrackRunOptions& run, Settings& settings) {
   TrackerOptions& tracker = run.tracker;
   settings.add("keyframes", tracker.keyframes, "2 to 4096", std::to_string(tracker.keyframes),
-               "keyframes kept; the oldest are dropped");
+               "keyframes that frames are aligned with");
+  settings.add("archive", tracker.archive, "0 to 100000", std::to_string(tracker.archive),
+               "older keyframes that are kept to recognise their places");
   settings.add("window", tracker.window, "1 to 64", std::to_string(tracker.window),
                "newest keyframes that are adjusted together");
   settings.add("min-visible", tracker.min_visible, "0.1 to 1", fmt::format("{}", tracker.min_visible),

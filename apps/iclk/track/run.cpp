@@ -12,6 +12,7 @@
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/session/io/output.h>
+#include <iclk/session/io/text.h>
 
 #include "apps/iclk/common/angles.h"
 #include "apps/iclk/common/version.h"
@@ -25,6 +26,7 @@ namespace {
 
 constexpr int kRelativeFrames = 30;
 constexpr int kReadoutFrames = 100;
+constexpr const char* kMapFile = "map.state";
 
 std::string absolute(const std::string& path) { return path.empty() ? path : std::filesystem::absolute(path).string(); }
 
@@ -49,14 +51,26 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--depth-every", f.depth_every},
           {"--set depth-holes", f.depth_holes},
           {"--mask", absolute(f.mask)},
+          {"--map", absolute(options.map)},
           {"--model", options.model},
           {"--solver", kSolvers.at(static_cast<size_t>(options.solver))},
           {"--count", tracker.features},
           {"--seeds", tracker.seeds},
           {"--set keyframes", tracker.keyframes},
+          {"--set archive", tracker.archive},
           {"--set window", tracker.window},
           {"--set min-visible", tracker.min_visible},
           {"--readout", tracker.readout}};
+}
+
+void start_in_map(const std::string& folder, Tracker& tracker) {
+  const std::string path = (std::filesystem::path(folder) / kMapFile).string();
+  const std::string bytes = read_file(path);
+  try {
+    tracker.start_in({reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size()});
+  } catch (const Error& error) {
+    throw Error(error.code(), path + ": " + error.what() + "; give the camera and options of the run that wrote it");
+  }
 }
 
 /// Sets the poses and maps of frames by the keyframes' last ones.
@@ -113,6 +127,8 @@ void write_results(const TrackRunOptions& options, const Tracker& tracker, const
   write("maps.txt", maps);
   write("keyframes.txt", tum_text(keyframes));
   write("map.ply", map_ply(tracker, map));
+  const std::vector<uint8_t> state = tracker.state();
+  write(kMapFile, std::string(reinterpret_cast<const char*>(state.data()), state.size()));
   write("path.png", path_png(frames, poses, report.adjusted ? &*report.adjusted : nullptr));
 }
 
@@ -123,6 +139,7 @@ double find_readout(const TrackRunOptions& options, RecordedFrames& frames,
   TrackRunOptions trial = options;
   trial.out.clear();
   trial.most = kReadoutFrames;
+  trial.map.clear();
   return find_readout([&](double readout) {
     trial.tracker.readout = readout;
     const TrackReport r = track_sequence(trial, frames, progress);
@@ -141,6 +158,8 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   how.rows = frames.rows();
   const Session session({.model = options.model, .device = options.device, .solver = options.solver});
   Tracker tracker(session, frames.camera(), how);
+  if (!options.map.empty()) start_in_map(options.map, tracker);
+  const int known = tracker.keyframe_count();
 
   TrackReport report;
   report.device = session.context() ? session.device_name() : "CPU";
@@ -179,6 +198,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   report.frames = count;
   report.doubled = frames.doubled();
   report.keyframes = tracker.keyframe_count();
+  report.known_keyframes = known;
   report.readout_used = how.readout;
   report.readout = tracker.readout().seconds;
   report.readout_sigma = tracker.readout().sigma;
@@ -202,6 +222,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
 std::string to_text(const TrackReport& r) {
   std::string text = fmt::format("frames     {}: {} tracked, {} of them not confirmed by features, {} lost; {} keyframes\n",
                                  r.frames, r.frames - r.lost, r.unconfirmed, r.lost, r.keyframes);
+  if (r.known_keyframes > 0) text += fmt::format("map        {} of the keyframes are from an earlier run\n", r.known_keyframes);
   if (r.continued > 0) text += fmt::format("continued  after {} frames of a run that was stopped\n", r.continued);
   const TrackCounts& c = r.counts;
   if (c.without_depth > 0) text += fmt::format("depth      {} frames have no depth image near in time\n", c.without_depth);

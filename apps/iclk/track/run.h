@@ -21,6 +21,7 @@ struct TrackRunOptions {
   int most = 0;        ///< frames, at most; 0: all
   std::string out;     ///< folder; empty: nothing is written
   bool fresh = false;  ///< a run that was stopped there is not continued
+  std::string map;     ///< folder `out` of an earlier run, in whose map this one begins; empty: none
 };
 
 /// Errors against the recording's truth, of the frames that have one and were not lost.
@@ -44,8 +45,9 @@ struct TrackReport {
   bool cpu_unasked = false;
   int frames = 0, continued = 0;  ///< continued: of these, by a run before
   int lost = 0, unconfirmed = 0, keyframes = 0;
-  int elsewhere = 0;  ///< tracked, but in another map than the one that has most frames
-  int doubled = 0;    ///< frames left out
+  int known_keyframes = 0;  ///< of these, from the map of an earlier run
+  int elsewhere = 0;        ///< tracked, but in another map than the one that has most frames
+  int doubled = 0;          ///< frames left out
   TrackCounts counts;
   bool readout_sought = false;  ///< by find_readout()
   /// A frame was told its way from another one.
