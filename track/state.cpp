@@ -9,8 +9,13 @@ namespace iclk {
 namespace internal {
 
 template <class Stream>
+void archive(Stream& s, Features& f) {
+  archive_all(s, f.uv, f.inverse_depth, f.inverse_depth_sigma);
+}
+
+template <class Stream>
 void archive(Stream& s, FramePixels& p) {
-  archive_all(s, p.time, p.image, p.mask, p.depth, p.format);
+  archive_all(s, p.time, p.image, p.mask, p.depth, p.features, p.format);
 }
 
 /// The parts that bundles use.
@@ -36,9 +41,8 @@ void archive(Stream& s, Place& p) {
 
 template <class Stream>
 void archive(Stream& s, Keyframe& k) {
-  archive_all(s, k.id, k.slot, k.map, k.time, k.sharpness, k.T_WC, k.turn, k.turn_sigma, k.seen_turn, k.features.uv,
-              k.features.inverse_depth, k.features.inverse_depth_sigma, k.measured, k.sigma, k.with_depth, k.seeds, k.pixels,
-              k.origin, k.sightings);
+  archive_all(s, k.id, k.slot, k.map, k.time, k.sharpness, k.T_WC, k.turn, k.turn_sigma, k.seen_turn, k.features, k.measured,
+              k.sigma, k.with_depth, k.seeds, k.pixels, k.origin, k.sightings);
 }
 
 template <class Stream>
@@ -55,7 +59,7 @@ void archive(Stream& s, Unroller::State::Turned& t) {
 
 namespace {
 
-constexpr uint64_t kMagic = 0x35304b4c43494b54;  // changes with the contents of a state
+constexpr uint64_t kMagic = 0x36304b4c43494b54;  // changes with the contents of a state
 
 /// FNV-1a, 64 bits.
 uint64_t checksum(std::span<const uint8_t> bytes) {

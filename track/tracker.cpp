@@ -27,6 +27,7 @@ void check_frame(const TrackFrame& frame, const Camera& camera, const TrackerOpt
   check_view(frame.image, camera, frame.image.format, "an image");
   if (frame.image.data == nullptr) throw Error(ErrorCode::invalid_argument, "an image without pixels");
   if (!frame.depth.empty()) check_view(frame.depth, camera, PixelFormat::r32f, "depth");
+  if (frame.features) check_features(*frame.features, camera);  // throws
   if (frame.mask.empty()) return;
   if (!options.masks) throw Error(ErrorCode::invalid_argument, "a mask needs TrackerOptions::masks");
   check_view(frame.mask, camera, PixelFormat::r8, "a mask");
@@ -254,8 +255,10 @@ const Features& Tracker::Impl::measure(Frame& frame) const {
   if (frame.measured) return *frame.measured;
   const TrackFrame& seen = frame.seen();
   Features& out = frame.measured.emplace();
-  if (seen.depth.empty()) return out;
-  out = internal::detect_corners(frame.grey(), seen.depth, seen.mask, options.features, options.border);
+  if (seen.features)
+    out = internal::choose_features(frame.grey(), *seen.features, seen.mask, camera, options.features);
+  else if (!seen.depth.empty())
+    out = internal::detect_corners(frame.grey(), seen.depth, seen.mask, options.features, options.border);
   options.depth_sigma.apply(camera, out);
   return out;
 }
@@ -303,6 +306,7 @@ void Tracker::Impl::fill(internal::Keyframe& k, Frame& frame, Features features,
   k.sigma.resize(k.measured.size());
   TrackFrame pixels = frame.seen();
   pixels.depth = {};  // its features have the needed depths
+  pixels.features = nullptr;
   k.pixels.keep(pixels);
 }
 

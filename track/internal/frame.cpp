@@ -23,13 +23,15 @@ void FramePixels::keep(const TrackFrame& frame) {
   copy_rows(frame.image, image);
   copy_rows(frame.depth, depth);
   copy_rows(frame.mask, mask);
+  features = frame.features ? std::optional(*frame.features) : std::nullopt;
 }
 
 TrackFrame FramePixels::frame(const Camera& camera) const {
   const auto view = [&](const auto& pixels, PixelFormat f) {
     return pixels.empty() ? ImageView{} : ImageView{pixels.data(), camera.width, camera.height, 0, f};
   };
-  return {time, view(image, format), view(depth, PixelFormat::r32f), view(mask, PixelFormat::r8)};
+  return {time, view(image, format), view(depth, PixelFormat::r32f), view(mask, PixelFormat::r8),
+          features ? &*features : nullptr};
 }
 
 void Frame::see(const TrackFrame& unrolled) {

@@ -8,11 +8,12 @@
 
 namespace iclk::internal {
 
-/// A copy of a frame's images, rows packed.
+/// A copy of a frame's images, rows packed, and of its features.
 struct FramePixels {
   double time = 0;
   std::vector<uint8_t> image, mask;
   std::vector<float> depth;
+  std::optional<Features> features;
   PixelFormat format = PixelFormat::r8;
 
   void keep(const TrackFrame& frame);
