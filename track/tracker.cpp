@@ -7,6 +7,7 @@
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
 #include <iclk/track/internal/detector.h>
+#include <iclk/track/internal/hidden.h>
 #include <iclk/track/internal/tracker_impl.h>
 
 namespace iclk {
@@ -247,7 +248,9 @@ TrackResult Tracker::Impl::lose(Frame& frame, TrackResult result) {
   motion.lose();
   unroller.lose();
   ++frames_lost;
-  if (measure(frame).size() >= least_features()) unplaced.emplace().keep(frame.given);
+  if (measure(frame).size() < least_features()) return result;
+  unplaced.emplace().keep(frame.given);
+  internal::fill_hidden(*unplaced, camera);
   return result;
 }
 
@@ -308,6 +311,7 @@ void Tracker::Impl::fill(internal::Keyframe& k, Frame& frame, Features features,
   pixels.depth = {};  // its features have the needed depths
   pixels.features = nullptr;
   k.pixels.keep(pixels);
+  internal::fill_hidden(k.pixels, camera);
 }
 
 void Tracker::Impl::look_for_seeds(internal::Keyframe& k, Frame& frame, const RefinedAlignment& a, TrackResult& result) {

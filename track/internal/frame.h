@@ -34,7 +34,7 @@ class Frame {
   const TrackFrame& seen() const { return seen_; }
   void see(const TrackFrame& unrolled);
   const Map& grey() { return levels(1)[0]; }
-  double sharpness();        ///< energy of the gradients at half the size; blur reduces it
+  double sharpness();        ///< energy of the seen gradients at half the size; blur reduces it
   const Pyramid& pyramid();  ///< for feature alignment: grey, with masked pixels hidden
 
  private:
