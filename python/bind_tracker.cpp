@@ -1,6 +1,7 @@
 #include <memory>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include <nanobind/stl/optional.h>
@@ -47,12 +48,21 @@ class BoundTracker {
     tracker_.reset(std::make_unique<Tracker>(Session(session, context), camera, options));
   }
 
+  /// Positions, inverse depths and their sigmas.
+  using Given = std::tuple<Points, Vector, Vector>;
+
   nb::typed<nb::dict, nb::str, nb::any> track(double time, const Array& image, const std::optional<Array>& depth,
-                                              const std::optional<Array>& mask) {
+                                              const std::optional<Array>& mask, const std::optional<Given>& given) {
     tracker_.check();
     TrackFrame frame{time, image_view(image), {}, {}};
     if (depth) frame.depth = image_view(*depth);
     if (mask) frame.mask = image_view(*mask);
+    Features features;
+    if (given) {
+      const auto& [uv, inverse_depth, sigma] = *given;
+      features = python::features(uv, inverse_depth, &sigma);
+      frame.features = &features;
+    }
     TrackResult r;
     {
       const Working working;
@@ -127,7 +137,8 @@ void bind_tracker(nb::module_& m) {
            nb::arg("intrinsics"), nb::arg("width"), nb::arg("height"), nb::arg("model"), nb::arg("solver"), nb::arg("device"),
            nb::arg("folders"), nb::arg("features"), nb::arg("keyframes"), nb::arg("window"), nb::arg("min_visible"),
            nb::arg("readout"), nb::arg("depth_sigma"), nb::arg("masks"))
-      .def("track", &BoundTracker::track, nb::arg("time"), nb::arg("image"), nb::arg("depth").none(), nb::arg("mask").none())
+      .def("track", &BoundTracker::track, nb::arg("time"), nb::arg("image"), nb::arg("depth").none(), nb::arg("mask").none(),
+           nb::arg("features").none())
       .def("keyframe_poses", &BoundTracker::keyframe_poses)
       .def("state", &BoundTracker::state)
       .def("restore", &BoundTracker::restore, nb::arg("state"));

@@ -9,8 +9,13 @@ namespace iclk {
 namespace internal {
 
 template <class Stream>
+void archive(Stream& s, Features& f) {
+  archive_all(s, f.uv, f.inverse_depth, f.inverse_depth_sigma);
+}
+
+template <class Stream>
 void archive(Stream& s, FramePixels& p) {
-  archive_all(s, p.time, p.image, p.mask, p.depth, p.format);
+  archive_all(s, p.time, p.image, p.mask, p.depth, p.features, p.format);
 }
 
 /// The parts that bundles use.
@@ -47,8 +52,7 @@ void archive(Stream& s, Place& p) {
 template <class Stream>
 void archive(Stream& s, Keyframe& k) {
   archive_all(s, k.id, k.slot, k.map, k.time, k.used, k.way, k.signature, k.sharpness, k.T_WC, k.turn, k.turn_sigma,
-              k.seen_turn, k.features.uv, k.features.inverse_depth, k.features.inverse_depth_sigma, k.measured, k.sigma,
-              k.with_depth, k.seeds, k.pixels, k.origin, k.sightings);
+              k.seen_turn, k.features, k.measured, k.sigma, k.with_depth, k.seeds, k.pixels, k.origin, k.sightings);
 }
 
 template <class Stream>
@@ -107,6 +111,7 @@ void check(const internal::FramePixels& p, const Camera& camera) {
   require(p.format >= PixelFormat::r8 && p.format <= PixelFormat::rgba32f && p.image.size() == area * bytes_per_pixel(p.format),
           kBroken);
   require((p.mask.empty() || p.mask.size() == area) && (p.depth.empty() || p.depth.size() == area), kBroken);
+  require(!p.features || p.features->inverse_depth.size() == p.features->uv.size(), kBroken);
 }
 
 /// A keyframe of a state that may come from anywhere.
@@ -123,7 +128,7 @@ void check(const internal::Keyframe& k, size_t keyframes, const Camera& camera, 
   check(k.pixels, camera);
   const auto known = [&](int id) { return id >= 0 && static_cast<size_t>(id) < keyframes; };
   require(known(k.id) && (!k.origin || known(k.origin->keyframe)), kBroken);
-  for (const auto& [id, features] : k.sightings) require(known(id) && features.size() == n, kBroken);
+  for (const auto& [id, features] : k.sightings) require(known(id) && features.size() <= n, kBroken);
 }
 
 /// Checks what indices, sizes and numbers a damaged or malicious state could break.

@@ -18,6 +18,11 @@ struct TrackFrame {
   ImageView image;
   ImageView depth;  ///< r32f, along the optical axis, in the unit of the map; 0 or NaN: unknown. May be empty
   ImageView mask;   ///< r8; pixels that are 0 are ignored. May be empty; needs TrackerOptions::masks
+  /// Features with known depth, used instead of corners of `depth`; or null. Those that cannot be used are left out. If there
+  /// are more than TrackerOptions::features, those with the most texture are used. Unknown sigmas: TrackerOptions::depth_sigma.
+  const Features* features = nullptr;
+
+  bool has_depth() const { return !depth.empty() || (features && features->size() > 0); }
 };
 
 enum class TrackStatus {
@@ -123,8 +128,9 @@ class Tracker {
   Tracker(Aligner& aligner, const Camera& camera, const TrackerOptions& options = {});
   ~Tracker();
 
-  /// Tracks the next frame. Throws Error(invalid_argument) for an image, depth or mask of a wrong size or format, and for an
-  /// invalid time: it must be finite and later than that of the last frame. Throws the errors of Aligner.
+  /// Tracks the next frame. Throws Error(invalid_argument) for an image, depth or mask of a wrong size or format, for features
+  /// whose vectors differ in length or whose sigma is negative or infinite, and for an invalid time: it must be finite and
+  /// later than that of the last frame. Throws the errors of Aligner.
   TrackResult track(const TrackFrame& frame);
 
   int keyframe_count() const;              ///< of all keyframes ever made

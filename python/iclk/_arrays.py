@@ -131,6 +131,16 @@ def intrinsics(K: Any) -> tuple[float, float, float, float]:
     return float(a[0, 0]), float(a[1, 1]), float(a[0, 2]), float(a[1, 2])
 
 
+def features(x: Any, name: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Positions, inverse depths and their sigmas (or none) of N x 3 or N x 4 numbers."""
+    a = numbers(x, name)
+    if a.ndim != 2 or a.shape[1] not in (3, 4):
+        raise refuse(f"{name} has the shape {a.shape}; it must be N x 3 (u, v, depth) or N x 4 (u, v, depth, sigma)")
+    q = inverse(a[:, 2])
+    sigma = a[:, 3] * q**2 if a.shape[1] == 4 else np.zeros(0)  # dq = dz / z^2
+    return np.ascontiguousarray(a[:, :2]), q, sigma
+
+
 def inverse(depth: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """As the command's feature files: a depth of 0 is none."""
     with np.errstate(divide="ignore"):

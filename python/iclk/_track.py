@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _arrays, _core
-from ._models import folders
+from ._models import default_model, folders
 
 Floats = npt.NDArray[np.float64]
 
@@ -45,11 +45,12 @@ class TrackedFrame:
 class Tracker:
     """Visual odometry with depth: keyframes, refined by windowed bundle adjustment; see docs/explain/tracking.md.
 
-    K: 3 x 3, or fx, fy, cx, cy, of undistorted images. model: "classical", the name of a model or a path. device: as for
-    ``iclk.Aligner``. solver: "device", "host" or "cpu". features: per keyframe. keyframes: most to keep. window: newest
-    keyframes that are adjusted together. min_visible: a frame that sees a smaller share of its keyframe becomes a keyframe.
-    readout: rolling shutter, s from the first row of an image to the last. depth_sigma: error of the depths,
-    "structured-light" (default, and "auto"), "stereo:PX,BASELINE", "1.5%" or "rendered". masks: frames have masks.
+    K: 3 x 3, or fx, fy, cx, cy, of undistorted images. model, device: as for ``iclk.Aligner``; with "auto",
+    the learned models place frames that the classical method cannot. solver: "device", "host" or "cpu". features: per keyframe.
+    keyframes: most to keep. window: newest keyframes that are adjusted together. min_visible: a frame that sees a smaller share
+    of its keyframe becomes a keyframe. readout: rolling shutter, s from the first row of an image to the last. depth_sigma:
+    error of the depths, "structured-light" (default, and "auto"), "stereo:PX,BASELINE", "1.5%" or "rendered". masks: frames
+    have masks.
 
     The first frame sets the image size. Use it from one thread at a time. Raises ValueError for invalid options, and what
     ``iclk.Aligner`` raises.
@@ -59,7 +60,7 @@ class Tracker:
         self,
         K: Any,
         *,
-        model: str = "classical",
+        model: str | None = None,
         device: str | int | None = None,
         solver: str = "device",
         features: int = 200,
@@ -72,7 +73,7 @@ class Tracker:
     ) -> None:
         self._intrinsics = _arrays.intrinsics(K)
         self._device = "" if device is None else str(device)
-        self._model, self._solver = model, solver
+        self._model, self._solver = default_model() if model is None else model, solver
         self._options = (features, keyframes, window, min_visible, readout, depth_sigma, masks)
         self._made: _core.Tracker | None = None
         self._state: bytes | None = None
@@ -87,18 +88,21 @@ class Tracker:
             self._made, self._state = made, None
         return self._made
 
-    def track(self, image: Any, depth: Any, stamp: float, mask: Any = None) -> TrackedFrame:
+    def track(self, image: Any, depth: Any, stamp: float, mask: Any = None, *, features: Any = None) -> TrackedFrame:
         """Tracks the next frame. A frame that is lost has that status; it raises no exception.
 
         image: H x W or H x W x 3 (RGB), uint8, uint16 or float32. depth: H x W metres along the optical axis, 0 or NaN if
-        unknown; or None. stamp: s, later than the frame before. mask: H x W; pixels that are 0 are ignored. Raises ValueError
-        for an image, depth or mask of another size, and a stamp that is not finite or not later.
+        unknown; or None. stamp: s, later than the frame before. mask: H x W; pixels that are 0 are ignored. features: points
+        with known depth, used instead of ``depth``: N x 3 (u, v, depth) or N x 4 (with the standard deviation of the depth; 0:
+        ``depth_sigma``). Those that cannot be used are left out. Raises ValueError for an image, depth or mask of another size,
+        features of another shape or with an invalid sigma, and a stamp that is not finite or not later.
         """
         pixels = _arrays.image(image, "image")
         core = self._core_of(pixels.shape[1], pixels.shape[0])
         metres = None if depth is None else _arrays.depth_map(depth, "depth")
         hidden = None if mask is None else _arrays.mask(mask, "mask")
-        return TrackedFrame(**core.track(float(stamp), pixels, metres, hidden))
+        given = None if features is None else _arrays.features(features, "features")
+        return TrackedFrame(**core.track(float(stamp), pixels, metres, hidden, given))
 
     def keyframe_poses(self) -> Floats:
         """Returns T_WC of all keyframes so far, K x 4 x 4: current estimates."""

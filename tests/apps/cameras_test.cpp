@@ -261,6 +261,17 @@ TEST(Distortion, ATurnedCameraSeesAlongItsOwnAxis) {
   for (int v = 0; v < 240; ++v)
     for (int u = 0; u < 320; ++u) depth.at<float>(v, u) = static_cast<float>(1 / n.dot(camera.ray({u, v})));
   const cv::Mat out = turned.depth(depth);
+  // A point is the same one, seen by the turned camera, which has a lens as well.
+  const Camera as{280, 285, 150, 110, 320, 240};
+  for (const char* lens : {"none", "radtan:-0.28,0.07,0.0002,0.00002", "equidistant:-0.01,0.02,-0.01,0.005"}) {
+    const Undistorter undistort(camera, parse_distortion(lens), as, R);
+    const Eigen::Vector2d uv(200, 90);
+    const Eigen::Vector3d X = R.transpose() * as.ray(uv) * 3;
+    const Features seen{{undistort.source(uv)}, {1 / X.z()}, {0.1 / X.z()}}, out_of = undistort.features(seen);
+    EXPECT_LT((out_of.uv[0] - uv).norm(), 1e-3) << lens;
+    EXPECT_NEAR(out_of.inverse_depth[0], 1.0 / 3, 1e-5) << lens;
+    EXPECT_NEAR(out_of.inverse_depth_sigma[0], 0.1 / 3, 1e-6) << lens;
+  }
   for (const Eigen::Vector2d& uv : {Eigen::Vector2d(60, 50), Eigen::Vector2d(160, 120), Eigen::Vector2d(260, 190)}) {
     const float z = out.at<float>(static_cast<int>(uv.y()), static_cast<int>(uv.x()));
     EXPECT_NEAR(z, 1 / n_turned.dot(camera.ray(uv)), 1e-3) << "half a pixel of slope";

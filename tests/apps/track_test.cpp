@@ -78,7 +78,7 @@ TEST(Track, AHandHeldCameraWithItsShutter) {
   ASSERT_EQ(f.code, 0) << f.err;
   EXPECT_LT(number_after(f.out, "adjusted", "ATE "), 1.6) << f.out;
   EXPECT_LT(number_after(f.out, "adjusted", "30 frames "), 3) << f.out;
-  EXPECT_NEAR(number_after(f.out, "shutter", "readout of "), 28, 5) << f.out;
+  EXPECT_NEAR(number_after(f.out, "shutter", "readout of "), 26, 6) << f.out;
   EXPECT_LT(number_after(f.out, "of them not confirmed by features, ", "features, "), 15) << f.out;
 }
 

@@ -39,6 +39,31 @@ def test_a_tracker_follows(device: str | None) -> None:
     assert first.origin is None and first.before is None and not first.covariance.any()
 
 
+def test_a_tracker_takes_features() -> None:
+    seen = frames(3)
+    points = np.column_stack([seen[0].uv, seen[0].z])
+    unusable = [[-5, 3, 1], [80, 60, np.nan], [80, 60, 0], [np.inf, 0, 1]]
+    inputs = [points, np.vstack([points, unusable]), np.column_stack([points, np.full(len(points), 1e-4)])]
+    for features in inputs:
+        tracker = iclk.Tracker(seen[0].K, model="classical", device="cpu", depth_sigma="rendered", features=100)
+        assert tracker.track(seen[0].reference, None, 0.0, features=features).status == "keyframe"
+        for i, s in enumerate(seen[1:], 1):
+            frame = tracker.track(s.target, None, 0.1 * i)
+            assert frame.confirmed and frame.features == min(100, len(points)), frame.reason
+            assert s.error(np.linalg.inv(frame.T_WC)) < 0.3
+        for bad in (points[:, :2], points[0], np.column_stack([points, np.full(len(points), -1.0)])):
+            with pytest.raises(ValueError, match=r"N x 3|sigma"):
+                tracker.track(seen[2].target, None, 1.0, features=bad)
+
+
+def test_a_trackers_model_is_auto(monkeypatch: pytest.MonkeyPatch) -> None:
+    s = frames(1)[0]
+    assert not iclk.Tracker(s.K, device="cpu").track(s.reference, s.depth, 0.0).lost
+    monkeypatch.setenv("ICLK_MODEL", "no-model")
+    with pytest.raises(iclk.Error, match="no-model"):
+        iclk.Tracker(s.K, device="cpu").track(s.reference, s.depth, 0.0)
+
+
 def test_a_trackers_mask_is_of_the_images_size() -> None:
     s = frames(1)[0]
     tracker = iclk.Tracker(s.K, device="cpu", features=100, readout=0.03, masks=True, depth_sigma="auto")

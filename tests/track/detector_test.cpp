@@ -52,6 +52,20 @@ TEST(Detector, NoneWithoutDepthAndEdgesLast) {
   for (const Eigen::Vector2d& uv : f.uv) EXPECT_TRUE(uv.x() >= 73 && (uv.x() <= 106 || uv.x() >= 114)) << uv.x();
 }
 
+TEST(Detector, DepthBesideCornersServesIfItIsSparse) {
+  Seen seen;
+  for (int v = 0; v < 120; ++v)
+    for (int u = 0; u < 160; ++u)
+      if (v % 12 != 6 || u % 3 != 0) seen.depth[static_cast<size_t>(160 * v + u)] = 0;
+  seen.depth[160 * 54 + 81] = 2;  // an edge among known depths
+  const Features f = seen.detect(40);
+  EXPECT_EQ(f.size(), 40);
+  for (size_t i = 0; i < f.uv.size(); ++i) {
+    EXPECT_TRUE(static_cast<int>(f.uv[i].y()) % 12 == 6 && static_cast<int>(f.uv[i].x()) % 3 == 0) << f.uv[i].transpose();
+    EXPECT_EQ(f.inverse_depth[i], 0.25);
+  }
+}
+
 TEST(Detector, NoPatchReachesIntoWhatIsHidden) {
   Seen seen;
   seen.mask.assign(160 * 120, 255);

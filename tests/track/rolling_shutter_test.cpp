@@ -80,6 +80,37 @@ TEST(RollingShutter, ImageAndDepthAreAsOfACameraThatStandsStill) {
   EXPECT_TRUE(out.depth.empty());
 }
 
+TEST(RollingShutter, FeaturesMoveWithTheirPixels) {
+  const Eigen::Vector3d turn(0.05, -0.04, 0.06);
+  const Sphere still(Eigen::Vector3d::Zero()), rolling(turn);
+  Features read;
+  for (int v = 20; v < 240; v += 40)
+    for (int u = 20; u < 320; u += 40) {
+      read.uv.emplace_back(u, v);
+      read.inverse_depth.push_back(1 / rolling.depth[static_cast<size_t>(320 * v + u)]);
+      read.inverse_depth_sigma.push_back(0.01 * read.inverse_depth.back());
+    }
+  read.uv.emplace_back(NAN, 3);  // is not used, and does no harm
+  read.inverse_depth.push_back(1);
+  read.inverse_depth_sigma.push_back(0);
+  TrackFrame frame = rolling.frame();
+  frame.features = &read;
+  FramePixels out;
+  unroll(frame, rolling.camera, RowTimes(rolling.camera), turn, out);
+  ASSERT_TRUE(out.features);
+  ASSERT_EQ(out.features->size(), read.size());
+  double moved = 0;
+  for (size_t i = 0; i + 1 < read.uv.size(); ++i) {
+    const Eigen::Vector2d& uv = out.features->uv[i];
+    moved = std::max(moved, (uv - read.uv[i]).norm());
+    EXPECT_NEAR(1 / out.features->inverse_depth[i], 5 / still.camera.ray(uv).norm(), 1e-5) << i;
+    EXPECT_NEAR(out.features->inverse_depth_sigma[i], 0.01 * out.features->inverse_depth[i], 1e-12) << i;
+    const Eigen::Vector2d back = unrolled_anew(rolling.camera, RowTimes(rolling.camera), turn, Eigen::Vector3d::Zero(), uv);
+    EXPECT_LT((back - read.uv[i]).norm(), 2e-2) << i;
+  }
+  EXPECT_GT(moved, 5);
+}
+
 TEST(RollingShutter, ColoursAreResampledChannelByChannel) {
   const Sphere rolling({0.05, -0.04, 0.06});
   const Eigen::Vector3d turn(0.02, 0.03, -0.05);

@@ -1,4 +1,9 @@
 // Masks of trackers, and what their keyframes and states say.
+#include <type_traits>
+#include <utility>
+
+#include <iclk/track/internal/hidden.h>
+
 #include "flight.h"
 
 namespace iclk::test {
@@ -31,6 +36,63 @@ TEST(Tracker, AMaskHidesWhatRidesAlong) {
     const TrackResult r = t.track(frame);
     ASSERT_NE(r.status, TrackStatus::lost) << r.reason;
     EXPECT_LT(t.error(r, i), 0.3) << i;
+  }
+}
+
+TEST(Tracker, WhatAMaskHidesDoesNotMatter) {
+  ICLK_NEED_DEVICE();
+  std::vector<uint8_t> mask = vehicle_mask();
+  // The vehicle: black, or with more texture than the ground. It stands still.
+  const auto follow = [&](uint32_t texture) {
+    Tracking t(with_masks());
+    uint32_t state = 1;
+    std::vector<uint32_t> vehicle(320 * 80);
+    for (uint32_t& p : vehicle) p = 0xff000000u | (((state = state * 1664525u + 1013904223u) >> 8) & texture);
+    for (int i = 0; i < kFrames; ++i) {
+      View view = Flight::get().views[static_cast<size_t>(i)];
+      std::copy(vehicle.begin(), vehicle.end(), view.rgba.begin() + 320 * 160);
+      const TrackResult r = t.track({0.1 * i, view.image(), view.depth_image(), {mask.data(), 320, 240, 0, PixelFormat::r8}});
+      EXPECT_NE(r.status, TrackStatus::lost) << i << ": " << r.reason;
+      EXPECT_LT(t.error(r, i), 0.3) << i;
+    }
+    return std::move(t.results);
+  };
+  const std::vector<TrackResult> plain = follow(0), textured = follow(0xffffff);
+  for (size_t i = 0; i < plain.size(); ++i) {
+    EXPECT_EQ(plain[i].status, textured[i].status) << i;
+    EXPECT_LT((plain[i].T_WC.t - textured[i].T_WC.t).norm(), 0.05) << i;
+  }
+}
+
+TEST(Tracker, HiddenPixelsContinueTheSeenOnes) {
+  const Camera camera{60, 60, 31.5, 23.5, 64, 48};
+  for (const PixelFormat format : {PixelFormat::r8, PixelFormat::rgb16, PixelFormat::r32f}) {
+    const auto n = static_cast<size_t>(channels(format));
+    internal::FramePixels pixels;
+    pixels.format = format;
+    pixels.image.assign(64 * 48 * bytes_per_pixel(format), 0);
+    pixels.mask.assign(64 * 48, 255);
+    const auto each = [&](const auto& visit) {
+      for (size_t i = 0; i < 64 * 48 * n; ++i) {
+        if (format == PixelFormat::r8) visit(i, pixels.image[i]);
+        if (format == PixelFormat::rgb16) visit(i, reinterpret_cast<uint16_t*>(pixels.image.data())[i]);
+        if (format == PixelFormat::r32f) visit(i, reinterpret_cast<float*>(pixels.image.data())[i]);
+      }
+    };
+    // A ramp along the rows, other in each channel, hidden by something dark on the right and below.
+    const auto ramp = [&](size_t i) { return 20 + 2 * static_cast<double>(i / n / 64) + 10 * static_cast<double>(i % n); };
+    each([&](size_t i, auto& value) {
+      const size_t u = i / n % 64, v = i / n / 64;
+      const bool hidden = u >= 40 || v >= 40;
+      if (hidden) pixels.mask[i / n] = 0;
+      value = static_cast<std::remove_reference_t<decltype(value)>>(hidden ? 0 : ramp(i));
+    });
+    internal::fill_hidden(pixels, camera);
+    each([&](size_t i, auto value) {
+      const size_t u = i / n % 64, v = i / n / 64;
+      const bool near = u < 44 && v < 36;
+      EXPECT_NEAR(static_cast<double>(value), ramp(i), u < 40 && v < 40 ? 0 : near ? 30 : 60) << u << " " << v;
+    });
   }
 }
 

@@ -1,5 +1,6 @@
 #include <iclk/track/internal/frame.h>
 
+#include <algorithm>
 #include <cstring>
 
 namespace iclk::internal {
@@ -15,6 +16,11 @@ void copy_rows(const ImageView& image, std::vector<T>& to) {
     std::memcpy(reinterpret_cast<uint8_t*>(to.data()) + row * static_cast<size_t>(v), image.row(v), row);
 }
 
+/// Whether a difference at a pixel would read a hidden one.
+bool hidden_about(const Map& map, int u, int v) {
+  return std::max({map.at(u + 1, v), map.at(u - 1, v), map.at(u, v + 1), map.at(u, v - 1)}) > kHiddenFrom;
+}
+
 }  // namespace
 
 void FramePixels::keep(const TrackFrame& frame) {
@@ -23,13 +29,15 @@ void FramePixels::keep(const TrackFrame& frame) {
   copy_rows(frame.image, image);
   copy_rows(frame.depth, depth);
   copy_rows(frame.mask, mask);
+  features = frame.features ? std::optional(*frame.features) : std::nullopt;
 }
 
 TrackFrame FramePixels::frame(const Camera& camera) const {
   const auto view = [&](const auto& pixels, PixelFormat f) {
     return pixels.empty() ? ImageView{} : ImageView{pixels.data(), camera.width, camera.height, 0, f};
   };
-  return {time, view(image, format), view(depth, PixelFormat::r32f), view(mask, PixelFormat::r8)};
+  return {time, view(image, format), view(depth, PixelFormat::r32f), view(mask, PixelFormat::r8),
+          features ? &*features : nullptr};
 }
 
 void Frame::see(const TrackFrame& unrolled) {
@@ -49,10 +57,11 @@ const Pyramid& Frame::levels(int least) {
 
 double Frame::sharpness() {
   if (sharpness_) return *sharpness_;
-  const Map& half = levels(2)[1];
+  const Map& half = pyramid()[1];
   double sum = 0;
   for (int v = 1; v + 1 < half.height; ++v)
     for (int u = 1; u + 1 < half.width; ++u) {
+      if (hidden_about(half, u, v)) continue;
       const double gu = half.at(u + 1, v) - half.at(u - 1, v), gv = half.at(u, v + 1) - half.at(u, v - 1);
       sum += gu * gu + gv * gv;
     }

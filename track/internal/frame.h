@@ -8,11 +8,12 @@
 
 namespace iclk::internal {
 
-/// A copy of a frame's images, rows packed.
+/// A copy of a frame's images, rows packed, and of its features.
 struct FramePixels {
   double time = 0;
   std::vector<uint8_t> image, mask;
   std::vector<float> depth;
+  std::optional<Features> features;
   PixelFormat format = PixelFormat::r8;
 
   void keep(const TrackFrame& frame);
@@ -33,7 +34,7 @@ class Frame {
   const TrackFrame& seen() const { return seen_; }
   void see(const TrackFrame& unrolled);
   const Map& grey() { return levels(1)[0]; }
-  double sharpness();        ///< energy of the gradients at half the size; blur reduces it
+  double sharpness();        ///< energy of the seen gradients at half the size; blur reduces it
   const Pyramid& pyramid();  ///< for feature alignment: grey, with masked pixels hidden
 
  private:

@@ -91,7 +91,7 @@ bool Judge::becomes_keyframe(Frame& frame, const Keyframe& k, const Found& found
                              const TrackFrame& previous) const {
   const Overlap seen = overlap(camera, k, T_WC);
   if (seen.visible < kLittleVisible) return true;
-  const bool depth = !frame.seen().depth.empty();
+  const bool depth = frame.seen().has_depth();
   const bool renew = worn(camera, min_inliers, depth, k, found.alignment, seen.flow);
   if (!renew && found.confirmed && seen.visible >= min_visible && seen.flow <= kMostFlow * camera.width) return false;
   const double ratio = frame.sharpness() / k.sharpness;

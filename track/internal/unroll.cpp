@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 #include <type_traits>
 #include <vector>
 
@@ -108,6 +109,19 @@ int nearest(float x) {
   return static_cast<int>(static_cast<double>(x) + 0.5 + kAway) - kAway;
 }
 
+/// The features as the global shutter camera would have seen them.
+Features unrolled(const Features& read, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn) {
+  Features out = read;
+  for (size_t i = 0; i < out.uv.size(); ++i) {
+    if (!out.uv[i].allFinite()) continue;  // it is not used
+    const Eigen::Vector3d p = turned(turn * rows.at(out.uv[i])) * camera.ray(out.uv[i]);
+    out.uv[i] = p.z() > kLeastZ ? camera.project(p) : Eigen::Vector2d::Constant(-1e6);
+    out.inverse_depth[i] /= p.z();
+    if (!out.inverse_depth_sigma.empty()) out.inverse_depth_sigma[i] /= std::max(p.z(), kLeastZ);
+  }
+  return out;
+}
+
 bool inside(const ImageView& image, int u, int v) { return u >= 0 && v >= 0 && u < image.width && v < image.height; }
 
 }  // namespace
@@ -122,6 +136,7 @@ void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows,
   out.image.resize(pixels * bytes);
   out.mask.resize(pixels);
   out.depth.resize(frame.depth.empty() ? 0 : pixels);
+  out.features = frame.features ? std::optional(unrolled(*frame.features, camera, rows, turn)) : std::nullopt;
   const Sources sources(camera, rows, turn);
   std::vector<Source> row(width);
   for (int v = 0; v < image.height; ++v) {

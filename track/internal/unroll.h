@@ -10,8 +10,8 @@ namespace iclk::internal {
 /// time at which each pixel was read. Translation during the readout is not corrected, because that needs the depth of every
 /// pixel.
 ///
-/// The image is interpolated bilinearly. Depth, which rolls like the image, and mask take the nearest pixel. Pixels without a
-/// source get a mask of 0; if `frame` has no mask, one is made.
+/// The image is interpolated bilinearly. Depth, which rolls like the image, and mask take the nearest pixel. Features move with
+/// their pixels. Pixels without a source get a mask of 0; if `frame` has no mask, one is made.
 void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& turn, FramePixels& out);
 
 /// Converts a pixel of an image that was unrolled with the turn `from` to one that is unrolled with `to`.

@@ -32,7 +32,7 @@ const char* const kTrackFooter =
     "  a TUM RGB-D recording (rgb.txt, depth.txt)\n"
     "  a folder with images (rgb, color, images or image) and depth (depth or depths), in files of the same names\n"
     "  a stereo recording in EuRoC's layout (cam0, cam1 with data.csv and sensor.yaml; mav0)\n"
-    "  a video file; it needs --camera and --depth\n"
+    "  a video file; it needs --camera, and --depth or --features\n"
     "The camera comes from camera.txt (fx fy cx cy width height depth_scale) or --camera. A stereo recording needs neither:\n"
     "its rectified pairs give the depth, and the camera is the rectified left one. With groundtruth.txt the errors are "
     "printed,\n"
@@ -53,6 +53,7 @@ const char* const kTrackFooter =
     "  iclk track recording --mask bonnet.png --out tracked\n"
     "  iclk track recording2 --map tracked --out tracked2             # in the map of an earlier run\n"
     "  iclk track recording --depth first.png --out tracked           # depth of the first frame only\n"
+    "  iclk track recording --features points --out tracked           # depth of a few points, as a lidar or SLAM has it\n"
     "  iclk track video.mp4 --camera 517.3,516.5,318.6,255.3 --depth depths --depth-scale 5000 --out tracked\n"
     "\n"
     "A frame without depth can become a keyframe too. It takes over features of other keyframes. For new points (--seeds),\n"
@@ -107,7 +108,8 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
   TrackRunOptions options = run_options(command);
   RecordedFrames frames(options.frames);
   if (!frames.problem().empty()) spdlog::warn("{}", frames.problem());
-  options.tracker.depth_sigma = parse_depth_sigma(depth_sigma_of(command.depth_sigma, frames, !options.frames.depth.empty()));
+  options.tracker.depth_sigma = parse_depth_sigma(
+      depth_sigma_of(command.depth_sigma, frames, !options.frames.depth.empty() || !options.frames.features.empty()));
   options.tracker.check();
   const TrackReport report = track_with_progress(options, frames, command.readout == "auto");
   if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan found: running on {}", report.device);
@@ -149,6 +151,13 @@ void add_input(CLI::App& command, TrackCommand& options) {
       "--depth-sigma", options.depth_sigma,
       "Error of the depth: stereo:PX,BASELINE, structured-light, rendered (exact), or a percentage such as 1.5%. "
       "Default, and auto: structured-light; for a stereo recording a disparity error of half a pixel");
+  command
+      .add_option(
+          "--features", frames.features,
+          "Sparse depth instead of that in FOLDER: a folder with a CSV file per frame, as for `iclk align`, with the name "
+          "of its image, or in order; frames without a file have no depth")
+      ->check(CLI::ExistingDirectory)
+      ->excludes("--depth");
   command
       .add_option(
           "--mask", frames.mask,

@@ -84,16 +84,28 @@ Eigen::Vector2d Undistorter::source(const Eigen::Vector2d& uv) const {
 }
 
 Eigen::Vector2d Undistorter::point(const Eigen::Vector2d& uv) const {
-  if (distortion_.empty() || !uv.allFinite()) return uv;
-  const cv::Mat K = camera_matrix(camera_);
+  if (identity_ || !uv.allFinite()) return uv;
+  const cv::Mat K = camera_matrix(camera_), K_as = camera_matrix(as_);
+  cv::Mat turn;
+  cv::eigen2cv(R_, turn);
   const std::vector<cv::Point2d> in = {{uv.x(), uv.y()}};
   std::vector<cv::Point2d> out;
   const cv::TermCriteria until(cv::TermCriteria::COUNT | cv::TermCriteria::EPS, 100, 1e-9);
-  if (distortion_.model == Distortion::Model::radtan)
-    cv::undistortPoints(in, out, K, distortion_.k, cv::noArray(), K, until);
+  if (distortion_.model == Distortion::Model::equidistant)
+    cv::fisheye::undistortPoints(in, out, K, distortion_.k, turn, K_as);
   else
-    cv::fisheye::undistortPoints(in, out, K, distortion_.k, cv::Matx33d::eye(), K);
+    cv::undistortPoints(in, out, K, distortion_.k, turn, K_as, until);
   return {out[0].x, out[0].y};
+}
+
+Features Undistorter::features(Features features) const {
+  for (size_t i = 0; i < features.uv.size(); ++i) {
+    features.uv[i] = point(features.uv[i]);
+    const double longer = R_.col(2).dot(as_.ray(features.uv[i]));
+    features.inverse_depth[i] *= longer;
+    if (!features.inverse_depth_sigma.empty()) features.inverse_depth_sigma[i] *= longer;
+  }
+  return features;
 }
 
 }  // namespace iclk

@@ -17,13 +17,14 @@ class Undistorter {
   /// Precondition: camera.check() passes.
   Undistorter(const Camera& camera, const Distortion& distortion);
   /// As another pinhole at the same place, `as`, would have seen it, whose axes are turned: R takes directions of the camera
-  /// into them. point() is not for it.
+  /// into them.
   Undistorter(const Camera& camera, const Distortion& distortion, const Camera& as,
               const Eigen::Matrix3d& R = Eigen::Matrix3d::Identity());
 
   cv::Mat image(const cv::Mat& image) const;  ///< bilinear; beyond the source the nearest border pixel is repeated
   cv::Mat depth(const cv::Mat& depth) const;  ///< CV_32FC1 along the axis, old and new; nearest; 0 beyond the source
   Eigen::Vector2d point(const Eigen::Vector2d& uv) const;
+  Features features(Features features) const;  ///< point() of each, and its depth along the new axis
   /// Where the camera's image has what the undistorted one has at uv; beyond the lens's domain, its edge.
   Eigen::Vector2d source(const Eigen::Vector2d& uv) const;
   /// CV_8UC1, 255 where the undistorted pixel was really seen. Empty where nothing is remapped.

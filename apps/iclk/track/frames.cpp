@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <map>
 #include <random>
 
 #include <fmt/format.h>
 
 #include <iclk/engine/error.h>
+#include <iclk/session/io/feature_csv.h>
 
 #include "apps/iclk/io/euroc.h"
 #include "apps/iclk/io/images.h"
@@ -34,19 +36,21 @@ void RecordedFrames::load(const FramesOptions& options) {
     for (int i = 0; i < video_->size(); ++i)
       sequence_.frames.push_back(
           {video_->times().empty() ? i / options.rate : video_->times()[static_cast<size_t>(i)], options.folder, {}, {}, {}});
-    if (options.depth.empty())
-      throw Error(ErrorCode::invalid_argument, options.folder + " is a video, so it has no depth: give --depth");
+    if (options.depth.empty() && options.features.empty())
+      throw Error(ErrorCode::invalid_argument, options.folder + " is a video, so it has no depth: give --depth or --features");
   } else if (const auto euroc = euroc_root(options.folder)) {
     sequence_ = load_euroc_sequence(*euroc);
   } else {
-    sequence_ = load_sequence(options.folder, {.rate = options.rate, .need_depth = options.depth.empty()});
+    sequence_ =
+        load_sequence(options.folder, {.rate = options.rate, .need_depth = options.depth.empty() && options.features.empty()});
   }
 }
 
 /// In place of the recording's.
 void RecordedFrames::give_depth() {
-  if (options_.depth.empty()) return;
+  if (options_.depth.empty() && options_.features.empty()) return;
   for (SequenceFrame& f : sequence_.frames) f.depth.clear(), f.right.clear();
+  if (!options_.features.empty()) return list_features();
   if (!std::filesystem::is_directory(options_.depth)) {
     sequence_.frames[chosen_[0]].depth = options_.depth;
     return;
@@ -57,6 +61,23 @@ void RecordedFrames::give_depth() {
                 fmt::format("{} has {} depth images, but {} has {} frames: give at least one, and at most one per frame",
                             options_.depth, files.size(), options_.folder, sequence_.frames.size()));
   for (size_t i = 0; i < files.size(); ++i) sequence_.frames[i].depth = files[i].string();
+}
+
+void RecordedFrames::list_features() {
+  const auto files = list_files(options_.features);
+  if (files.empty() || files.size() > sequence_.frames.size())
+    throw Error(ErrorCode::invalid_argument,
+                fmt::format("{} has {} feature files, but {} has {} frames: give at least one, and at most one per frame",
+                            options_.features, files.size(), options_.folder, sequence_.frames.size()));
+  std::map<std::string, std::string> by_name;
+  for (const auto& file : files) by_name[file.stem().string()] = file.string();
+  bool named = false;
+  for (const SequenceFrame& f : sequence_.frames) {
+    const auto at = by_name.find(std::filesystem::path(f.image).stem().string());
+    features_.push_back(at == by_name.end() ? "" : at->second);
+    named = named || at != by_name.end();
+  }
+  for (size_t i = 0; i < files.size() && !named; ++i) features_[i] = files[i].string();
 }
 
 void RecordedFrames::load_masks() {
@@ -149,6 +170,13 @@ cv::Mat RecordedFrames::left_by(const std::string& path) const {
   return lens().seen().empty() ? mask : cv::Mat(mask & lens().seen());
 }
 
+Features RecordedFrames::features_of(const std::string& path) const {
+  Features out = lens().features(load_features(path));
+  if (options_.depth_along_ray) along_axis(camera_, out);
+  check_features(out, camera_);  // throws
+  return out;
+}
+
 const RecordedFrames::Pixels& RecordedFrames::read(int i) {
   const SequenceFrame& f = frame(i);
   pixels_ = {};
@@ -158,13 +186,21 @@ const RecordedFrames::Pixels& RecordedFrames::read(int i) {
       check_size(loaded, path);
       to = loaded;
     } catch (const Error& error) {
-      pixels_.problem += (pixels_.problem.empty() ? "" : "; ") + std::string(error.what());
+      pixels_.add(error.what());
     }
   };
   attempt([&] { return image_of(i); }, f.image, pixels_.image);
   cv::Mat depth, right;
   if (!f.depth.empty() && has_depth(i)) attempt([&] { return load_depth(f.depth, scale_); }, f.depth, depth);
   if (!f.right.empty() && has_depth(i)) attempt([&] { return load_image(f.right); }, f.right, right);
+  if (const std::string path = features_.empty() ? "" : features_[chosen_[static_cast<size_t>(i)]];
+      !path.empty() && has_depth(i)) {
+    try {
+      pixels_.features = features_of(path);
+    } catch (const Error& error) {
+      pixels_.add(error.what());
+    }
+  }
   pixels_.mask = mask_;
   if (!masks_.empty()) {
     const std::string& path = masks_[chosen_[static_cast<size_t>(i)]];
@@ -185,6 +221,7 @@ TrackFrame RecordedFrames::view_of(int i) const {
   TrackFrame out{.time = time(i), .image = view(pixels_.image), .depth = {}, .mask = {}};
   if (!pixels_.depth.empty()) out.depth = view(pixels_.depth);
   if (masks()) out.mask = view(pixels_.mask);
+  if (pixels_.features) out.features = &*pixels_.features;
   return out;
 }
 

@@ -22,6 +22,10 @@ struct FramesOptions {
   /// Instead of the recording's: a folder of depth images, in order one a frame from the first on, as far as they go, or the
   /// depth image of the first frame; of the left camera as it sees, where there are two. Empty: the recording's.
   std::string depth;
+  /// Instead of the recording's depth: a folder of feature files, as load_features() reads them, with positions as the (left)
+  /// camera sees. Each has the name of its image; in a video, and where none has, they are in order, one a frame from the first
+  /// on. Empty: none.
+  std::string features;
   /// Images that are 0 where nothing is to be looked at, as the (left) camera sees: one for all frames, or a folder with one a
   /// frame, in order. Empty: nothing is hidden.
   std::string mask;
@@ -59,10 +63,13 @@ class RecordedFrames {
 
   /// A frame's pixels, until the next one is read.
   struct Pixels {
-    cv::Mat image;        ///< empty: it cannot be read
-    cv::Mat depth;        ///< CV_32FC1 metres, 0 where there is none; empty: none
+    cv::Mat image;  ///< empty: it cannot be read
+    cv::Mat depth;  ///< CV_32FC1 metres, 0 where there is none; empty: none
+    std::optional<Features> features;
     cv::Mat mask;         ///< CV_8UC1; empty without masks()
     std::string problem;  ///< what could not be read, and why
+    bool has_depth() const { return !depth.empty() || (features && features->size() > 0); }
+    void add(const std::string& what) { problem += (problem.empty() ? "" : "; ") + what; }
   };
   const Pixels& read(int i);
   /// Of pixels that have an image.
@@ -73,8 +80,10 @@ class RecordedFrames {
   const SequenceFrame& frame(int i) const { return sequence_.frames[chosen_[static_cast<size_t>(i)]]; }
   void load(const FramesOptions& options);
   void give_depth();
+  void list_features();
   void load_masks();
   cv::Mat left_by(const std::string& path) const;
+  Features features_of(const std::string& path) const;
   cv::Mat image_of(int i);
   void find_levels();
   void check_size(const cv::Mat& image, const std::string& path) const;
@@ -85,8 +94,9 @@ class RecordedFrames {
   std::optional<Video> video_;
   std::string problem_;
   std::vector<size_t> chosen_;
-  std::vector<std::string> masks_;  // one a frame of the recording; or empty
-  cv::Mat mask_;                    // else: of all frames
+  std::vector<std::string> features_;  // as masks_; empty strings: none
+  std::vector<std::string> masks_;     // one a frame of the recording; or empty
+  cv::Mat mask_;                       // else: of all frames
   int doubled_ = 0;
   double scale_ = 0;
   Distortion distortion_;

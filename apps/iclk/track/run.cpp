@@ -50,6 +50,7 @@ nlohmann::ordered_json options_of(const TrackRunOptions& options, const Recorded
           {"--depth-sigma", {d.constant, d.disparity, d.relative}},
           {"--depth-every", f.depth_every},
           {"--set depth-holes", f.depth_holes},
+          {"--features", absolute(f.features)},
           {"--mask", absolute(f.mask)},
           {"--map", absolute(options.map)},
           {"--model", options.model},
@@ -182,7 +183,7 @@ TrackReport track_sequence(const TrackRunOptions& options, RecordedFrames& frame
   for (int i = report.continued; i < count; ++i) {
     const auto& pixels = frames.read(i);
     if (!pixels.problem.empty() && counts.unreadable++ == 0) counts.first_problem = pixels.problem;
-    counts.without_depth += pixels.depth.empty();
+    counts.without_depth += !pixels.has_depth();
     TrackResult result;
     result.time = frames.time(i);
     result.reason = pixels.problem;
@@ -225,7 +226,7 @@ std::string to_text(const TrackReport& r) {
   if (r.known_keyframes > 0) text += fmt::format("map        {} of the keyframes are from an earlier run\n", r.known_keyframes);
   if (r.continued > 0) text += fmt::format("continued  after {} frames of a run that was stopped\n", r.continued);
   const TrackCounts& c = r.counts;
-  if (c.without_depth > 0) text += fmt::format("depth      {} frames have no depth image near in time\n", c.without_depth);
+  if (c.without_depth > 0) text += fmt::format("depth      {} frames have none\n", c.without_depth);
   if (c.unreadable > 0) text += fmt::format("unreadable {}, the first: {}\n", c.unreadable, c.first_problem);
   if (r.doubled > 0) text += fmt::format("left out   {} frames that are not later than the one before\n", r.doubled);
   text +=
