@@ -1,5 +1,7 @@
 // iclk track on video files, made here as Motion JPEG in AVI, which every OpenCV reads and writes.
 #include <algorithm>
+#include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 
 #include <fmt/format.h>
@@ -128,6 +130,27 @@ TEST_F(TrackVideo, WhatIsNoVideoIsSaid) {
   } else {
     EXPECT_EQ(cut.code, 4) << cut.err;
   }
+}
+
+/// examples/track_video.cpp, which drops frames that come too early for the machine.
+TEST_F(TrackVideo, TheExampleAnswersTheFramesThatItTakes) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  fs::create_directories(folder.path("mm"));
+  for (int i = 0; i < kVideoFrames; ++i) {
+    cv::Mat mm;
+    cv::imread(fmt::format("{}/{}.tiff", depths(), i), cv::IMREAD_UNCHANGED).convertTo(mm, CV_16U, 100);  // it takes cm for mm
+    cv::imwrite(fmt::format("{}/{:02}.png", folder.path("mm"), i), mm);
+  }
+  const std::string out = folder.path("path.avi"), text = folder.path("text");
+  const std::string line = fmt::format("ICLK_MODEL=classical {} '{}' '{}' 280 280 159.5 119.5 '{}' > '{}'", ICLK_EXAMPLE_VIDEO,
+                                       video(), folder.path("mm"), out, text);
+  ASSERT_EQ(std::system(line.c_str()), 0);
+  int frames = 0, dropped = 0, posed = 0;
+  ASSERT_EQ(std::sscanf(bytes_of(text).c_str(), "%d frames, %d dropped, %d with a pose", &frames, &dropped, &posed), 3);
+  EXPECT_EQ(frames, kVideoFrames);
+  EXPECT_EQ(Video(out).size(), frames - dropped);
+  EXPECT_GE(posed, 1);
 }
 
 }  // namespace

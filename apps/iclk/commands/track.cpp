@@ -114,6 +114,10 @@ void run_track(const TrackCommand& command, TrackPeers peers, int& exit) {
   const TrackReport report = track_with_progress(options, frames, command.readout == "auto");
   if (report.cpu_unasked) spdlog::warn("no GPU with Vulkan found: running on {}", report.device);
   print(to_text(report));
+  if (report.readout_sought && report.readout_used == 0)
+    spdlog::warn(
+        "--readout auto: the first frames show no readout, nor with 15 ms of either sign: all rows are taken as read at "
+        "once; give the readout in ms if you know it");
   if (!report.found()) {
     spdlog::warn("nothing was tracked: check that images and depth belong together, and that their times have the same unit");
     exit = kDiverged;
