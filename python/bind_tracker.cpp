@@ -117,11 +117,11 @@ class BoundTracker {
     return nb::bytes(bytes.data(), bytes.size());
   }
 
-  void restore(const nb::bytes& state) {
+  void restore(const nb::bytes& state, bool starts) {
     const std::span bytes(static_cast<const uint8_t*>(state.data()), state.size());
     const Working working;
     const auto lock = tracker_.lock();
-    tracker_.get()->restore(bytes);
+    starts ? tracker_.get()->start_in(bytes) : tracker_.get()->restore(bytes);
   }
 
  private:
@@ -141,7 +141,7 @@ void bind_tracker(nb::module_& m) {
            nb::arg("features").none())
       .def("keyframe_poses", &BoundTracker::keyframe_poses)
       .def("state", &BoundTracker::state)
-      .def("restore", &BoundTracker::restore, nb::arg("state"));
+      .def("restore", &BoundTracker::restore, nb::arg("state"), nb::arg("starts"));
 }
 
 }  // namespace iclk::python

@@ -48,8 +48,8 @@ bool Tracker::Impl::make_keyframe(Frame& frame, const SE3& T_WC, const std::opti
   const internal::Stopwatch bundle_watch;
   window.adjust();
   result.bundle_ms = bundle_watch.ms();
-  keyframes.hold_next(k, options.window);
   if (seeder.look_back(k, frame, neighbours)) keyframes.prepare(k);
+  keyframes.hold_next(k, options.window);  // neighbours may leave
   result.keyframe_ms = watch.ms() - result.bundle_ms;
   locator.state.current = k.id;
   result.status = TrackStatus::keyframe;

@@ -124,6 +124,7 @@ void check(const internal::Keyframe& k, size_t keyframes, const Camera& camera, 
     require(internal::inside(camera, k.features.uv[i], 0) && k.features.inverse_depth[i] > 0 &&
                 std::isfinite(k.features.inverse_depth[i]),
             kBroken);
+  for (const internal::Keyframe::Seed& seed : k.seeds) require(internal::inside(camera, seed.uv, ICLK_PATCH), kBroken);
   check(k.T_WC);
   check(k.pixels, camera);
   const auto known = [&](int id) { return id >= 0 && static_cast<size_t>(id) < keyframes; };
@@ -138,6 +139,7 @@ void check(const Tracker::Impl& m) {
     check(place.T_WC);
     require(place.map >= 0 && place.map < m.maps, kBroken);
   }
+  require(m.keyframes.current_map() >= 0 && m.keyframes.current_map() < m.maps, kBroken);
   std::vector<bool> taken(static_cast<size_t>(m.options.keyframes));
   for (const auto& [id, k] : m.keyframes.all()) {
     require(k.id == id && k.slot >= 0 && k.slot < m.options.keyframes && !taken[static_cast<size_t>(k.slot)], kBroken);

@@ -77,6 +77,7 @@ class Tracker:
         self._options = (features, keyframes, window, min_visible, readout, depth_sigma, masks)
         self._made: _core.Tracker | None = None
         self._state: bytes | None = None
+        self._starts = False
 
     def _core_of(self, width: int, height: int) -> _core.Tracker:
         if self._made is None:
@@ -84,7 +85,7 @@ class Tracker:
                 self._intrinsics, width, height, self._model, self._solver, self._device, folders(), *self._options
             )
             if self._state is not None:
-                made.restore(self._state)
+                made.restore(self._state, self._starts)
             self._made, self._state = made, None
         return self._made
 
@@ -117,7 +118,16 @@ class Tracker:
 
     def restore(self, state: bytes) -> None:
         """Restores a state of a tracker with the same camera and options. Raises ValueError for anything else."""
+        self._restore(state, False)
+
+    def start_in(self, state: bytes) -> None:
+        """Starts a recording in the map of an earlier one, of which ``state`` is. The camera may be anywhere in it, and stamps
+        start anew. `iclk track` writes the state as map.state. Raises ValueError as ``restore`` does.
+        """
+        self._restore(state, True)
+
+    def _restore(self, state: bytes, starts: bool) -> None:
         if self._made is not None:
-            self._made.restore(state)
+            self._made.restore(state, starts)
         elif state:
-            self._state = state
+            self._state, self._starts = state, starts

@@ -82,11 +82,16 @@ def test_a_tracker_goes_on_from_its_state() -> None:
 
     one, other = make(), make()
     one.track(seen[0].reference, seen[0].depth, 0.0)
-    one.track(seen[1].target, None, 0.1)
+    first = one.track(seen[1].target, None, 0.1)
     state = one.state()
     other.restore(state)
     a, b = (t.track(seen[2].target, None, 0.2) for t in (one, other))
     np.testing.assert_array_equal(a.T_WC, b.T_WC)
+    later = make()
+    later.start_in(state)
+    again = later.track(seen[1].target, None, -5.0)  # another clock, and any place of the map
+    assert not again.lost
+    np.testing.assert_allclose(again.T_WC, first.T_WC, atol=0.01)
     with pytest.raises(ValueError):
         one.restore(b"nothing of the kind")
     with pytest.raises(ValueError, match="depth-sigma"):
