@@ -73,9 +73,12 @@ std::optional<Found> Locator::try_current(const TrackFrame& frame, const Motion&
 }
 
 std::optional<Found> Locator::relocalise(Frame& frame, const SE3& last) {
+  const Signature signature =
+      signature_of(frame.grey(), detect_seeds(frame.grey(), {}, frame.seen().mask, {}, kSignatureFeatures, ICLK_PATCH));
+  if (signature.empty()) return {};  // without texture
   std::vector<Pair> pairs;
   std::vector<const Keyframe*> tried;
-  for (const int id : lost_among(frame, last)) {
+  for (const int id : lost_among(signature, last)) {
     tried.push_back(&keyframes_.open(id));
     const bool here = tried.back()->map == keyframes_.current_map();
     pairs.push_back(pair_of(*tried.back(), frame.seen(), here ? last : tried.back()->T_WC, true));
@@ -86,10 +89,8 @@ std::optional<Found> Locator::relocalise(Frame& frame, const SE3& last) {
   return Found{keyframes_.hold(tried[*best]->id).id, std::move(found[*best])};
 }
 
-std::vector<int> Locator::lost_among(Frame& frame, const SE3& last) {
+std::vector<int> Locator::lost_among(const Signature& signature, const SE3& last) {
   std::vector<int> ids = keyframes_.best(last, batch_ / 2, kLeastVisibleLost);
-  const Signature signature =
-      signature_of(frame.grey(), detect_seeds(frame.grey(), {}, frame.seen().mask, {}, kSignatureFeatures, ICLK_PATCH));
   std::vector<std::pair<double, int>> others;
   keyframes_.each([&](const Keyframe& k) {
     if (std::find(ids.begin(), ids.end(), k.id) == ids.end()) others.emplace_back(-likeness(signature, k.signature), -k.id);

@@ -41,7 +41,7 @@ class Locator {
   /// Keeps the pose in `search` if it is credible and has more inliers than the one there.
   void consider(int id, const RefinedAlignment& a, Search& search);
   std::optional<Found> best_of(std::span<const int> ids, std::span<RefinedAlignment> found);
-  std::vector<int> lost_among(Frame& frame, const SE3& last);
+  std::vector<int> lost_among(const Signature& signature, const SE3& last);
 
   Camera camera_;
   const Judge& judge_;
