@@ -33,6 +33,7 @@ TrackerOptions tracker_options(const SequenceLocatorOptions& options) {
   TrackerOptions tracker;
   tracker.depth_sigma = {.relative = kDepthSigma};
   tracker.masks = options.masks;
+  tracker.archive = 0;  // anchors on the map take the place of loops
   return tracker;
 }
 

@@ -135,7 +135,8 @@ TrackResult Tracker::Impl::track(const TrackFrame& given) {
   const TrackResult::Origin origin{k.id, result.T_CK, found->confirmed, result.covariance};
   if (judge.becomes_keyframe(frame, k, *found, result.T_WC, previous.pixels.frame(camera))) {  // 4
     unroller.straighten(frame);
-    if (make_keyframe(frame, result.T_WC, origin, &*found, result) && !motion.lost) recognise(keyframes.newest(), result);  // 6
+    if (make_keyframe(frame, result.T_WC, origin, &*found, result) && !motion.lost && options.archive > 0)
+      recognise(keyframes.newest(), result);  // 6
   }
   if (result.status == TrackStatus::tracked && found->confirmed) look_for_seeds(k, frame, found->alignment, result);  // 5
   keep(given, frame.rate, origin, result.T_WC);
