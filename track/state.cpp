@@ -218,7 +218,7 @@ void Tracker::start_in(std::span<const uint8_t> state) {
   m.unroller.lose();
   m.unplaced.reset();
   m.last_time.reset();
-  m.frames_lost = 0;
+  m.frames_lost = 2;  // no pose is expected
 }
 
 }  // namespace iclk

@@ -188,9 +188,10 @@ std::optional<internal::Found> Tracker::Impl::locate(Frame& frame, TrackResult& 
 }
 
 std::optional<internal::Found> Tracker::Impl::align_learned(const TrackFrame& frame, const SE3& expected) {
+  constexpr int kStale = 2;                                 // frames, after which no pose is expected
   const bool due = (frames_lost & (frames_lost - 1)) == 0;  // less and less often while the camera is lost
   const internal::Keyframe* current = keyframes.find(locator.state.current);
-  return learned && due && current ? learned->find(frame, *current, expected) : std::nullopt;
+  return learned && due && current ? learned->find(frame, *current, expected, frames_lost < kStale) : std::nullopt;
 }
 
 std::optional<internal::Found> Tracker::Impl::follow_unplaced(const TrackFrame& frame, TrackResult& result) {

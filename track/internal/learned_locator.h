@@ -14,8 +14,9 @@ class LearnedLocator {
   /// `options`: those of the session, without its first model. `context`: its device.
   LearnedLocator(const Camera& camera, const Judge& judge, SessionOptions options, std::shared_ptr<engine::Context> context);
 
-  /// Aligns with a keyframe, from the expected pose and by a search. The pose is confirmed, or credible.
-  std::optional<Found> find(const TrackFrame& frame, const Keyframe& k, const SE3& expected);
+  /// Aligns with a keyframe, from the expected pose and by a search. The pose is confirmed; or credible, if the expected pose
+  /// is `recent`.
+  std::optional<Found> find(const TrackFrame& frame, const Keyframe& k, const SE3& expected, bool recent);
 
  private:
   Camera camera_;
