@@ -97,6 +97,7 @@ void require(bool good, const char* what) {
 }
 
 constexpr const char* kBroken = "the saved tracker state contradicts itself";
+constexpr int kMostMaps = 1 << 30;
 
 bool same(const Camera& a, const Camera& b) {
   return a.width == b.width && a.height == b.height && a.fx == b.fx && a.fy == b.fy && a.cx == b.cx && a.cy == b.cy;
@@ -132,9 +133,14 @@ void check(const internal::Keyframe& k, size_t keyframes, const Camera& camera, 
   for (const auto& [id, features] : k.sightings) require(known(id) && features.size() <= n, kBroken);
 }
 
+/// Frames are counted from 0; nobody tracks more than 2^53.
+bool is_count(int64_t frames) { return frames >= 0 && frames <= int64_t{1} << 53; }
+
 /// Checks what indices, sizes and numbers a damaged or malicious state could break.
 void check(const Tracker::Impl& m) {
   const auto& places = m.keyframes.places();
+  for (const int64_t frames : {m.keyframes.clock, m.frames_tracked, m.frames_lost}) require(is_count(frames), kBroken);
+  require(m.maps > 0 && m.maps <= kMostMaps, kBroken);
   for (const internal::Place& place : places) {
     check(place.T_WC);
     require(place.map >= 0 && place.map < m.maps, kBroken);
@@ -147,8 +153,10 @@ void check(const Tracker::Impl& m) {
     for (const auto& [seen_in, features] : k.sightings) require(m.keyframes.all().count(seen_in) > 0, kBroken);
   }
   require(m.keyframes.archived().empty() || !m.keyframes.empty(), kBroken);
+  for (const auto& [id, k] : m.keyframes.archived()) require(k.id == id && k.sightings.empty() && k.seeds.empty(), kBroken);
   m.keyframes.each([&](const internal::Keyframe& k) {
     check(k, places.size(), m.camera, m.options);
+    require(k.used >= 0 && k.used <= m.keyframes.clock, kBroken);  // else the newest keyframe could leave first
     require(k.map == places[static_cast<size_t>(k.id)].map, kBroken);
   });
   for (const auto* edges : {&m.loops.state.motions, &m.loops.state.loops, &m.loops.state.waiting})

@@ -2,6 +2,7 @@
 #include <iclk/track/internal/tracker_impl.h>
 
 #include <cstring>
+#include <random>
 
 #include "flight.h"
 
@@ -306,6 +307,15 @@ TEST(Tracker, ARecordingStartsInTheMapOfAnEarlierOne) {
   EXPECT_GT(later.tracker.keyframe_count(), known);  // the map grew
 }
 
+/// Sets 8 bytes of a state, and the checksum that fits.
+std::vector<uint8_t> forged(std::vector<uint8_t> state, size_t at, uint64_t value) {
+  std::memcpy(state.data() + at, &value, 8);
+  uint64_t h = 0xcbf29ce484222325;
+  for (size_t i = 16; i < state.size(); ++i) h = (h ^ state[i]) * 0x100000001b3;
+  std::memcpy(state.data() + 8, &h, 8);
+  return state;
+}
+
 /// A state that fits its checksum, but may contain anything, is refused or used; nothing is read beyond it.
 TEST(Tracker, AMaliciousStateDoesNoHarm) {
   ICLK_NEED_DEVICE();
@@ -316,26 +326,29 @@ TEST(Tracker, AMaliciousStateDoesNoHarm) {
   Tracking t(options), victim(options);
   for (int i = 0; i < 6; ++i) t.track(i);
   const std::vector<uint8_t> state = t.tracker.state();
-  uint32_t random = 1;
-  const auto next = [&] { return (random = random * 1664525u + 1013904223u) >> 8; };
   int refused = 0;
-  for (int round = 0; round < 60; ++round) {
-    std::vector<uint8_t> bad = state;
-    const size_t at = 16 + (round % 2 == 0 ? next() % 80 : next() % (bad.size() - 24));
-    for (size_t i = 0; i < 8; ++i) bad[at + i] = round % 4 < 2 ? 0xff : static_cast<uint8_t>(next());
-    uint64_t h = 0xcbf29ce484222325;
-    for (size_t i = 16; i < bad.size(); ++i) h = (h ^ bad[i]) * 0x100000001b3;
-    std::memcpy(bad.data() + 8, &h, 8);
+  const auto try_with = [&](size_t at, uint64_t value) {
     try {
-      victim.tracker.start_in(bad);
+      victim.tracker.start_in(forged(state, at, value));
       TrackFrame frame = Flight::get().frame(7);
-      frame.time = 1e9 + round;
+      frame.time += 1e9;
       victim.track(frame);
     } catch (const Error&) {
       ++refused;
     }
+  };
+  std::mt19937_64 random(1);
+  for (int round = 0; round < 60; ++round) {
+    const size_t at = 16 + (round % 2 == 0 ? random() % 80 : random() % (state.size() - 24));
+    try_with(at, round % 4 < 2 ? ~uint64_t{0} : random());
   }
   EXPECT_GT(refused, 15);
+  // Each count of frames, such as when a keyframe was last used, becomes a large one.
+  for (size_t at = 16; at + 8 <= state.size(); ++at) {
+    uint64_t value = 0;
+    std::memcpy(&value, state.data() + at, 8);
+    if (value > 0 && value <= 6) try_with(at, uint64_t{1} << 50);
+  }
   Camera other = Flight::get().camera;
   other.fx += 1;
   Tracker with_other(*victim.aligner, other, options);

@@ -101,7 +101,7 @@ void Keyframes::archive(Keyframe&& k) {
   k.sightings.clear();
   k.seeds.clear();
   archived_[k.id] = std::move(k);
-  if (archived_.size() > archive_) archived_.erase(unused(archived_));
+  while (archived_.size() > archive_) archived_.erase(unused(archived_));
 }
 
 Keyframe& Keyframes::add(double time, const SE3& T_WC) {
