@@ -147,6 +147,18 @@ Solution solve(const Camera& camera, std::span<const internal::Observation> used
 
 constexpr double kSharp = ICLK_SHARP, kClearlyBetter = ICLK_CLEARLY_BETTER;
 
+/// The sum of log(1 + r^2 / scale^2), or any number that is not less than `enough`.
+double log_cost(const Camera& camera, std::span<const internal::Observation> used, const SE3& T_10, double scale,
+                double enough) {
+  internal::LogSum sum;
+  for (const internal::Observation& o : used) {
+    const auto r = internal::residual(camera, o, T_10);
+    if (!r || sum.least() >= enough) return std::numeric_limits<double>::infinity();
+    sum.add(1 + (o.W * *r).squaredNorm() / (scale * scale));
+  }
+  return sum.value();
+}
+
 /// The pose with the least cost among poses from three features each. If many depths are wrong, a descent from the pose of all
 /// features ends between the right ones and the wrong ones.
 std::optional<SE3> consensus(const Camera& camera, std::span<const internal::Observation> used, double scale) {
@@ -159,7 +171,7 @@ std::optional<SE3> consensus(const Camera& camera, std::span<const internal::Obs
     const auto point = [&](uint32_t n) -> Eigen::Vector3d { return camera.ray(used[n].uv0) / used[n].q; };
     const auto ray = [&](uint32_t n) { return camera.ray(used[n].uv1); };
     for (const SE3& T : internal::p3p({point(i), point(j), point(k)}, {ray(i), ray(j), ray(k)})) {
-      const double cost = internal::cauchy_cost(internal::residual_norms(camera, used, T), scale);
+      const double cost = log_cost(camera, used, T, scale, least);
       if (cost < least) least = cost, best = T;
     }
   }

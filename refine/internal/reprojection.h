@@ -1,4 +1,5 @@
 #pragma once
+#include <cmath>
 #include <optional>
 #include <span>
 #include <vector>
@@ -90,6 +91,22 @@ std::vector<Observation> observations(const Camera& camera, const Features& feat
                                       const SE3& T_10, double sigma_0);
 /// Norms of the whitened residuals of the observations at T_10; infinite for points behind the camera.
 std::vector<double> residual_norms(const Camera& camera, std::span<const Observation> observations, const SE3& T_10);
+
+/// A sum of logarithms, with one logarithm for many factors. It is as exact as their product: for small residuals use log1p.
+class LogSum {
+ public:
+  void add(double factor) {
+    product_ *= factor;
+    if (product_ > 1e-50 && product_ < 1e50) return;
+    sum_ += std::log(product_);
+    product_ = 1;
+  }
+  double value() const { return sum_ + std::log(product_); }
+  double least() const { return sum_; }  ///< of factors that are at least 1, value() is not less
+
+ private:
+  double sum_ = 0, product_ = 1;
+};
 
 /// The mean of rho(r^2) / 2 of the Cauchy loss. `scale`: px.
 double cauchy_cost(std::span<const double> norms, double scale);

@@ -31,7 +31,7 @@ struct Sample {
 };
 
 double minus_log_likelihood(std::span<const Sample> samples, double floor, double depth, double share) {
-  double sum = 0, product = 1;  // one logarithm for many factors: this runs a hundred times per pair
+  LogSum sum;  // this runs a hundred times per pair
   for (const Sample& s : samples) {
     const double sigma = s.own > 0 ? s.own : depth;
     const Eigen::Matrix2d C =
@@ -40,13 +40,9 @@ double minus_log_likelihood(std::span<const Sample> samples, double floor, doubl
     const double square = (s.r.y() * s.r.y() * C(0, 0) - 2 * s.r.x() * s.r.y() * C(0, 1) + s.r.x() * s.r.x() * C(1, 1)) / det;
     const double t = 1 + square / (share * kFreedom), t2 = t * t;
     static_assert(kFreedom == 3);
-    product *= det * t2 * t2 * t;
-    if (product > 1e100 || product < 1e-100) {
-      sum += std::log(product);
-      product = 1;
-    }
+    sum.add(det * t2 * t2 * t);
   }
-  return 0.5 * (sum + std::log(product));
+  return 0.5 * sum.value();
 }
 
 /// SharedErrors::calibration from the residuals `y`, with their Jacobians J by the pose and `calibration` by the calibration.

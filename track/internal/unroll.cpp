@@ -8,6 +8,8 @@
 
 #include <Eigen/Geometry>
 
+#include <iclk/align/common/each.h>
+
 namespace iclk::internal {
 namespace {
 
@@ -138,8 +140,7 @@ void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows,
   out.depth.resize(frame.depth.empty() ? 0 : pixels);
   out.features = frame.features ? std::optional(unrolled(*frame.features, camera, rows, turn)) : std::nullopt;
   const Sources sources(camera, rows, turn);
-  std::vector<Source> row(width);
-  for (int v = 0; v < image.height; ++v) {
+  const auto unroll_row = [&](int v, std::vector<Source>& row) {
     const size_t at = static_cast<size_t>(v) * width;
     sources.row(v, row);
     uint8_t* to = &out.image[at * bytes];
@@ -156,7 +157,13 @@ void unroll(const TrackFrame& frame, const Camera& camera, const RowTimes& rows,
       if (!out.depth.empty())
         out.depth[at + u] = seen ? reinterpret_cast<const float*>(frame.depth.row(y))[x] / row[u].depth_ratio : 0;
     }
-  }
+  };
+  constexpr int kBand = 64;  // rows
+  for_each_of(static_cast<size_t>((image.height + kBand - 1) / kBand), 0, [&](size_t band) {
+    std::vector<Source> row(width);
+    const int first = static_cast<int>(band) * kBand;
+    for (int v = first; v < std::min(first + kBand, image.height); ++v) unroll_row(v, row);
+  });
 }
 
 Eigen::Vector2d unrolled_anew(const Camera& camera, const RowTimes& rows, const Eigen::Vector3d& from,
