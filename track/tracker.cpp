@@ -51,10 +51,11 @@ void tell(const internal::Found& found, const internal::Keyframe& k, TrackResult
   result.sigma = a.sigma;
 }
 
-RefinerOptions for_tracking() {
+/// The tracker itself unrolls frames, with data of earlier frames too. `rolling_shutter`: the refiner does it.
+RefinerOptions for_tracking(bool rolling_shutter = false) {
   RefinerOptions options;
   options.keep_unconfirmed = true;  // an unconfirmed alignment may still be credible (Judge)
-  options.rolling_shutter = false;  // the tracker unrolls frames, with data of earlier frames too
+  options.rolling_shutter = rolling_shutter;
   return options;
 }
 
@@ -102,9 +103,10 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
       options(options),
       judge{camera, options.min_inliers, options.min_visible},
       refiner(aligner, for_tracking()),
+      unbending(aligner, for_tracking(true)),
       keyframes(aligner, camera, options.keyframes, options.archive),
       unroller(camera, options, judge, refiner),
-      locator(camera, judge, refiner, keyframes, aligner.plan().max_pairs),
+      locator(camera, judge, refiner, unbending, keyframes, aligner.plan().max_pairs),
       places(camera, judge, refiner, keyframes, options.window),
       loops(camera, judge, keyframes),
       window(camera, judge, refiner, keyframes, options.window),

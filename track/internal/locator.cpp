@@ -65,7 +65,7 @@ std::optional<Found> Locator::credible(const Search& search, double visible) {
 
 std::optional<Found> Locator::try_current(const TrackFrame& frame, const Motion& motion, Search& search) {
   for (const SE3& T_WC : {search.expected, motion.last->T_WC}) {
-    RefinedAlignment a = refiner_.align(pair_of(*keyframes_.find(state.current), frame, T_WC));
+    RefinedAlignment a = unbending_.align(pair_of(*keyframes_.find(state.current), frame, T_WC));
     if (judge_.confirmed(a)) return Found{state.current, std::move(a)};
     consider(state.current, a, search);
   }

@@ -17,9 +17,14 @@ struct Search {
 /// Finds the pose of a frame among the keyframes. Each method from follow() to relocalise() searches more widely.
 class Locator {
  public:
-  /// `batch`: the largest number of pairs that are aligned at once.
-  Locator(const Camera& camera, const Judge& judge, Refiner& refiner, Keyframes& keyframes, int batch)
-      : camera_(camera), judge_(judge), refiner_(refiner), keyframes_(keyframes), batch_(static_cast<size_t>(batch)) {}
+  /// `batch`: the largest number of pairs that are aligned at once. `unbending`: for try_current().
+  Locator(const Camera& camera, const Judge& judge, Refiner& refiner, Refiner& unbending, Keyframes& keyframes, int batch)
+      : camera_(camera),
+        judge_(judge),
+        refiner_(refiner),
+        unbending_(unbending),
+        keyframes_(keyframes),
+        batch_(static_cast<size_t>(batch)) {}
 
   /// Aligns with the keyframe of the last frame, or with one that shows much more.
   std::optional<Found> follow(const TrackFrame& frame, Search& search);
@@ -27,7 +32,8 @@ class Locator {
   std::optional<Found> try_others(const TrackFrame& frame, const Motion& motion, Search& search);
   /// The credible pose, if more than a share `visible` of its keyframe's features is visible at the expected pose.
   std::optional<Found> credible(const Search& search, double visible);
-  /// Aligns with the current keyframe, from the expected pose and from the last pose.
+  /// Aligns with the current keyframe, from the expected pose and from the last pose, with what is left of a rolling shutter
+  /// corrected. Features that prove a turn confirm poses that they would else not confirm.
   std::optional<Found> try_current(const TrackFrame& frame, const Motion& motion, Search& search);
   /// Searches with one batch of keyframes: those near the last pose, and those of all maps, held or archived, that look most
   /// like the frame. The keyframe that is found is held afterwards.
@@ -45,7 +51,7 @@ class Locator {
 
   Camera camera_;
   const Judge& judge_;
-  Refiner& refiner_;
+  Refiner &refiner_, &unbending_;
   Keyframes& keyframes_;
   size_t batch_;
 };

@@ -52,7 +52,7 @@ struct Tracker::Impl {
   Camera camera;
   TrackerOptions options;
   internal::Judge judge;
-  Refiner refiner;
+  Refiner refiner, unbending;
   internal::Keyframes keyframes;
   internal::Unroller unroller;
   internal::Locator locator;
