@@ -96,10 +96,16 @@ void Tracker::Impl::recognise(internal::Keyframe& k, TrackResult& result) {
   auto link = places.find(k, last, motion.last->T_WC);
   if (!link) return;
   const SE3 before = k.T_WC;
-  if (keyframes.places()[static_cast<size_t>(link->edge.from)].map != k.map)
+  const internal::Keyframe& from = keyframes.open(link->edge.from);
+  if (from.map != k.map) {
+    if (!reach.allows(from, k, link->edge)) return;
     join_maps(k, link->edge);
-  else if (!loops.close(link->edge))
+  } else if (!loops.plausible(link->edge)) {
+    reach.state.repeats = true;
     return;
+  } else if (!loops.close(link->edge)) {
+    return;
+  }
   internal::Keyframe& other = keyframes.hold(link->edge.from);
   other.sightings[k.id] = std::move(link->there);
   k.sightings[other.id] = std::move(link->back);

@@ -45,6 +45,11 @@ void archive(Stream& s, BundleEdge& e) {
 }
 
 template <class Stream>
+void archive(Stream& s, Reach::Break& b) {
+  archive_all(s, b.from, b.to, b.left, b.way, b.away, b.beyond, b.most);
+}
+
+template <class Stream>
 void archive(Stream& s, Place& p) {
   archive_all(s, p.T_WC, p.map);
 }
@@ -69,7 +74,7 @@ void archive(Stream& s, Unroller::State::Turned& t) {
 
 namespace {
 
-constexpr uint64_t kMagic = 0x36304b4c43494b54;  // changes with the contents of a state
+constexpr uint64_t kMagic = 0x37304b4c43494b54;  // changes with the contents of a state
 
 /// FNV-1a, 64 bits.
 uint64_t checksum(std::span<const uint8_t> bytes) {
@@ -87,7 +92,7 @@ void archive_tracker(Stream& s, Tracker::Impl& m, std::map<int, internal::Keyfra
                         m.previous.rate, m.previous.origin, motion.velocity, motion.seconds, turn.rate, turn.bent.turn,
                         turn.bent.sigma, turn.bent.seen, turn.turned, motion.lost, m.unplaced, m.maps, m.way, m.frames_tracked,
                         m.frames_lost, m.loops.state.motions, m.loops.state.loops, m.loops.state.waiting, m.last_time,
-                        m.keyframes.clock);
+                        m.keyframes.clock, m.reach.state.speed, m.reach.state.repeats, m.reach.state.breaks);
   turn.changes.archive([&](auto&... values) { internal::archive_all(s, values...); });
   turn.readout.archive([&](auto&... values) { internal::archive_all(s, values...); });
 }
@@ -159,14 +164,19 @@ void check(const Tracker::Impl& m) {
     require(k.used >= 0 && k.used <= m.keyframes.clock, kBroken);  // else the newest keyframe could leave first
     require(k.map == places[static_cast<size_t>(k.id)].map, kBroken);
   });
+  const auto known = [&](int id) { return id >= 0 && static_cast<size_t>(id) < places.size(); };
   for (const auto* edges : {&m.loops.state.motions, &m.loops.state.loops, &m.loops.state.waiting})
     for (const internal::BundleEdge& e : *edges) {
-      for (const int id : {e.from, e.to}) require(id >= 0 && static_cast<size_t>(id) < places.size(), kBroken);
+      require(known(e.from) && known(e.to), kBroken);
       check(e.T_to_from);
       require(e.covariance.allFinite(), kBroken);
     }
+  const auto& breaks = m.reach.state.breaks;
+  for (const internal::Reach::Break& b : breaks)
+    require(known(b.from) && (known(b.to) || (b.to == -1 && &b == &breaks.back())), kBroken);
   require(m.motion.last.has_value() == !m.keyframes.empty(), kBroken);
   if (!m.motion.last) return;
+  require(known(m.locator.state.current), kBroken);
   check(m.motion.last->T_WC);
   check(m.previous.pixels, m.camera);
   if (m.unplaced) check(*m.unplaced, m.camera);
@@ -225,6 +235,7 @@ void Tracker::start_in(std::span<const uint8_t> state) {
   m.motion.lose();
   m.unroller.lose();
   m.unplaced.reset();
+  m.reach.move_freely();
   m.last_time.reset();
   m.frames_lost = 2;  // no pose is expected
 }

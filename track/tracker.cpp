@@ -105,8 +105,9 @@ Tracker::Impl::Impl(Aligner& aligner, const Camera& camera, const TrackerOptions
       refiner(aligner, for_tracking()),
       unbending(aligner, for_tracking(true)),
       keyframes(aligner, camera, options.keyframes, options.archive),
+      reach(keyframes),
       unroller(camera, options, judge, refiner),
-      locator(camera, judge, refiner, unbending, keyframes, aligner.plan().max_pairs),
+      locator(camera, judge, refiner, unbending, keyframes, reach, aligner.plan().max_pairs),
       places(camera, judge, refiner, keyframes, options.window),
       loops(camera, judge, keyframes),
       window(camera, judge, refiner, keyframes, options.window),
@@ -231,6 +232,7 @@ std::optional<RefinedAlignment> Tracker::Impl::align_with_unplaced(const TrackFr
 TrackResult Tracker::Impl::lose(Frame& frame, TrackResult result) {
   result.T_WC = motion.last->T_WC;
   result.reason = "not found at the predicted pose, nor by a search among " + std::to_string(keyframes.size()) + " keyframes";
+  if (!motion.lost) reach.leave(locator.state.current, from_keyframe(result.T_WC), motion.last->time, way);
   motion.lose();
   unroller.lose();
   ++frames_lost;
@@ -245,7 +247,13 @@ TrackResult Tracker::Impl::lose(Frame& frame, TrackResult result) {
 
 void Tracker::Impl::keep(const TrackFrame& pixels, const Eigen::Vector3d& rate,
                          const std::optional<TrackResult::Origin>& origin, const SE3& T_WC) {
-  if (!motion.lost && motion.last) way += (T_WC.t - motion.last->T_WC.t).norm();
+  if (motion.lost) {
+    reach.arrive(*keyframes.find(locator.state.current), from_keyframe(T_WC), pixels.time);
+  } else if (motion.last) {
+    const double step = (T_WC.t - motion.last->T_WC.t).norm();
+    reach.move(step, pixels.time - motion.last->time);
+    way += step;
+  }
   motion.add(pixels.time, T_WC);
   unplaced.reset();
   ++frames_tracked;
@@ -253,6 +261,10 @@ void Tracker::Impl::keep(const TrackFrame& pixels, const Eigen::Vector3d& rate,
   previous.pixels.keep(pixels);
   previous.rate = rate;
   previous.origin = origin;
+}
+
+double Tracker::Impl::from_keyframe(const SE3& T_WC) const {
+  return (T_WC.t - keyframes.places()[static_cast<size_t>(locator.state.current)].T_WC.t).norm();
 }
 
 Tracker::Tracker(const Session& session, const Camera& camera, const TrackerOptions& options) {

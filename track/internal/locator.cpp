@@ -84,6 +84,11 @@ std::optional<Found> Locator::relocalise(Frame& frame, const SE3& last) {
     pairs.push_back(pair_of(*tried.back(), frame.seen(), here ? last : tried.back()->T_WC, true));
   }
   std::vector<RefinedAlignment> found = refiner_.align(pairs);
+  for (size_t i = found.size(); i-- > 0;)
+    if (!reach_.allows(*tried[i], tried[i]->T_WC * found[i].T_10.inverse(), frame.given.time)) {
+      tried.erase(tried.begin() + static_cast<std::ptrdiff_t>(i));
+      found.erase(found.begin() + static_cast<std::ptrdiff_t>(i));
+    }
   const auto best = judge_.only_place(tried, found);
   if (!best) return {};
   return Found{keyframes_.hold(tried[*best]->id).id, std::move(found[*best])};

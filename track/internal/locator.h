@@ -5,6 +5,7 @@
 
 #include <iclk/track/internal/judge.h>
 #include <iclk/track/internal/motion.h>
+#include <iclk/track/internal/reach.h>
 
 namespace iclk::internal {
 
@@ -18,12 +19,14 @@ struct Search {
 class Locator {
  public:
   /// `batch`: the largest number of pairs that are aligned at once. `unbending`: for try_current().
-  Locator(const Camera& camera, const Judge& judge, Refiner& refiner, Refiner& unbending, Keyframes& keyframes, int batch)
+  Locator(const Camera& camera, const Judge& judge, Refiner& refiner, Refiner& unbending, Keyframes& keyframes,
+          const Reach& reach, int batch)
       : camera_(camera),
         judge_(judge),
         refiner_(refiner),
         unbending_(unbending),
         keyframes_(keyframes),
+        reach_(reach),
         batch_(static_cast<size_t>(batch)) {}
 
   /// Aligns with the keyframe of the last frame, or with one that shows much more.
@@ -36,7 +39,7 @@ class Locator {
   /// corrected. Features that prove a turn confirm poses that they would else not confirm.
   std::optional<Found> try_current(const TrackFrame& frame, const Motion& motion, Search& search);
   /// Searches with one batch of keyframes: those near the last pose, and those of all maps, held or archived, that look most
-  /// like the frame. The keyframe that is found is held afterwards.
+  /// like the frame. Places out of reach do not count. The keyframe that is found is held afterwards.
   std::optional<Found> relocalise(Frame& frame, const SE3& last);
 
   struct State {
@@ -53,6 +56,7 @@ class Locator {
   const Judge& judge_;
   Refiner &refiner_, &unbending_;
   Keyframes& keyframes_;
+  const Reach& reach_;
   size_t batch_;
 };
 

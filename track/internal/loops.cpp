@@ -48,7 +48,6 @@ bool Loops::plausible(const BundleEdge& edge) const {
 }
 
 bool Loops::close(const BundleEdge& edge) {
-  if (!plausible(edge)) return false;
   const BundleEdge whole = with_floor(edge, keyframes_.open(edge.from));
   std::vector<BundleEdge> before = std::move(state.waiting);
   state.waiting = {whole};

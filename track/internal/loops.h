@@ -16,7 +16,9 @@ class Loops {
 
   /// Adds the motions to a new keyframe from those with which it was aligned.
   void follow(const Keyframe& k, std::span<const Neighbour> neighbours);
-  /// Adds a motion between keyframes of one map that were found to see the same place. The first one only waits for another
+  /// Whether drift can explain what a motion between keyframes of one map would correct. If not, another place looks alike.
+  bool plausible(const BundleEdge& edge) const;
+  /// Adds a plausible motion between keyframes that were found to see the same place. The first one only waits for another
   /// that asks for the same correction. Returns whether the poses of keyframes changed.
   bool close(const BundleEdge& edge);
   /// Adds a motion between keyframes by which two maps were joined.
@@ -29,7 +31,6 @@ class Loops {
 
  private:
   SE3 correction(const BundleEdge& edge) const;
-  bool plausible(const BundleEdge& edge) const;
   bool adjust(int map);
   std::vector<BundleEdge> edges_of(const std::vector<int>& index) const;
 

@@ -48,12 +48,16 @@ struct Tracker::Impl {
   void keep(const TrackFrame& pixels, const Eigen::Vector3d& rate, const std::optional<TrackResult::Origin>& origin,
             const SE3& T_WC);
 
+  /// The distance of a pose from the current keyframe.
+  double from_keyframe(const SE3& T_WC) const;
+
   Aligner& aligner;
   Camera camera;
   TrackerOptions options;
   internal::Judge judge;
   Refiner refiner, unbending;
   internal::Keyframes keyframes;
+  internal::Reach reach;
   internal::Unroller unroller;
   internal::Locator locator;
   internal::PlaceFinder places;
