@@ -1,5 +1,6 @@
 #include <iclk/track/internal/loops.h>
 
+#include <algorithm>
 #include <cmath>
 
 #include <iclk/track/internal/bundle.h>
@@ -57,21 +58,27 @@ bool Loops::close(const BundleEdge& edge) {
   if (!judge_.agree(T_CW * correction(edge), T_CW * correction(before[0]), k)) return false;
   state.waiting.clear();
   state.loops.insert(state.loops.end(), {before[0], whole});
-  return adjust(k.map);
+  return adjust(k.map, std::min({edge.from, edge.to, before[0].from}));
 }
 
-/// The loops have their full weight at first, however far the drift; then those that contradict the others lose theirs.
-bool Loops::adjust(int map) {
+/// Moves the keyframes that are newer than `oldest`. Older ones, with which these are connected, stay: a loop does not show how
+/// they drifted, and all that ever were would take longer and longer. The loops have their full weight at first, however far
+/// the drift; then those that contradict the others lose theirs.
+bool Loops::adjust(int map, int oldest) {
   const auto& places = keyframes_.places();
   std::vector<int> index(places.size(), -1);
   std::vector<BundleFrame> frames;
-  for (size_t id = 0; id < places.size(); ++id) {
-    if (places[id].map != map) continue;
-    index[id] = static_cast<int>(frames.size());
+  const auto add = [&](int id, bool fixed) {
+    if (places[static_cast<size_t>(id)].map != map || index[static_cast<size_t>(id)] >= 0) return;
+    index[static_cast<size_t>(id)] = static_cast<int>(frames.size());
     BundleFrame& frame = frames.emplace_back();
-    frame.T_WC = places[id].T_WC;
-    frame.fixed = frames.size() == 1;
-  }
+    frame.T_WC = places[static_cast<size_t>(id)].T_WC;
+    frame.fixed = fixed;
+  };
+  for (int id = oldest; id < static_cast<int>(places.size()); ++id) add(id, frames.empty());
+  for (const auto* some : {&state.motions, &state.loops})
+    for (const BundleEdge& edge : *some)
+      if (std::max(edge.from, edge.to) > oldest) add(std::min(edge.from, edge.to), true);
   const std::vector<BundleEdge> edges = edges_of(index);
   for (const bool robust : {false, true}) {
     std::vector<BundleEdge> these = edges;
@@ -79,7 +86,7 @@ bool Loops::adjust(int map) {
     if (!internal::adjust(camera_, frames, {}, these, {.iterations = kIterations}).usable) return false;
   }
   for (size_t id = 0; id < index.size(); ++id)
-    if (index[id] > 0) keyframes_.set_pose(static_cast<int>(id), frames[static_cast<size_t>(index[id])].T_WC);
+    if (index[id] >= 0) keyframes_.set_pose(static_cast<int>(id), frames[static_cast<size_t>(index[id])].T_WC);
   return true;
 }
 

@@ -31,7 +31,7 @@ class Loops {
 
  private:
   SE3 correction(const BundleEdge& edge) const;
-  bool adjust(int map);
+  bool adjust(int map, int oldest);
   std::vector<BundleEdge> edges_of(const std::vector<int>& index) const;
 
   Camera camera_;
