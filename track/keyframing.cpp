@@ -91,24 +91,29 @@ void Tracker::Impl::look_for_seeds(internal::Keyframe& k, Frame& frame, const Re
 }
 
 void Tracker::Impl::recognise(internal::Keyframe& k, TrackResult& result) {
+  const internal::Stopwatch watch;
   internal::FramePixels straight;
   const TrackFrame last = unroller.unrolled(previous.pixels.frame(camera), previous.rate, straight);
   auto link = places.find(k, last, motion.last->T_WC);
-  if (!link) return;
+  if (link) link_place(k, *link, result);
+  result.keyframe_ms += watch.ms();
+}
+
+void Tracker::Impl::link_place(internal::Keyframe& k, internal::Link& link, TrackResult& result) {
   const SE3 before = k.T_WC;
-  const internal::Keyframe& from = keyframes.open(link->edge.from);
+  const internal::Keyframe& from = keyframes.open(link.edge.from);
   if (from.map != k.map) {
-    if (!reach.allows(from, k, link->edge)) return;
-    join_maps(k, link->edge);
-  } else if (!loops.plausible(link->edge)) {
+    if (!reach.allows(from, k, link.edge)) return;
+    join_maps(k, link.edge);
+  } else if (!loops.plausible(link.edge)) {
     reach.state.repeats = true;
     return;
-  } else if (!loops.close(link->edge)) {
+  } else if (!loops.close(link.edge)) {
     return;
   }
-  internal::Keyframe& other = keyframes.hold(link->edge.from);
-  other.sightings[k.id] = std::move(link->there);
-  k.sightings[other.id] = std::move(link->back);
+  internal::Keyframe& other = keyframes.hold(link.edge.from);
+  other.sightings[k.id] = std::move(link.there);
+  k.sightings[other.id] = std::move(link.back);
   // The camera moves with its keyframe.
   const SE3 moved = k.T_WC * before.inverse();
   result.map = k.map;

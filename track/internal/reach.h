@@ -27,7 +27,7 @@ class Reach {
   /// not tell where the camera is in a map that it did not leave or enter just before.
   bool allows(const Keyframe& from, const Keyframe& to, const BundleEdge& link);
 
-  /// Between two poses.
+  /// A time without a pose, between two poses.
   struct Break {
     int from = 0, to = -1;        ///< keyframes; -1: the camera is still lost
     double left = 0, way = 0;     ///< time and way at the first pose
@@ -37,7 +37,7 @@ class Reach {
   struct State {
     double speed = 0;           ///< the largest of late
     bool repeats = false;       ///< places that look alike are not the same
-    std::vector<Break> breaks;  ///< between maps that are not joined; and the last one
+    std::vector<Break> breaks;  ///< between maps that are not joined, and the present one
   } state;
 
  private:

@@ -35,6 +35,7 @@ struct Tracker::Impl {
   TrackResult lose(Frame& frame, TrackResult result);
   /// Finds an earlier visit of the new keyframe's place: closes a loop, or joins two maps.
   void recognise(internal::Keyframe& k, TrackResult& result);
+  void link_place(internal::Keyframe& k, internal::Link& link, TrackResult& result);
   void join_maps(internal::Keyframe& k, const internal::BundleEdge& link);
   /// Makes a keyframe of the frame. `found`: its alignment with another keyframe, or null. Returns false if it has too few
   /// features.
