@@ -7,5 +7,5 @@
 int main(int argc, char** argv) {
   return iclk::run_program({[](CLI::App& app, int& exit) { add_track(app, exit, iclk::odometry_table); },
                             [](CLI::App& app, int& exit) { add_depth(app, exit, iclk::depth_peers); }},
-                           {argv + 1, argv + argc});
+                           {argv + 1, argv + argc}, false, "iclk peers");
 }

@@ -54,8 +54,9 @@ int hand_over(const std::string& name, const std::vector<std::string>& arguments
   return kUsage;
 }
 
-int run(const std::vector<AddCommand>& commands, const std::vector<std::string>& arguments, bool others) {
-  CLI::App app("iclk: six-degree-of-freedom image alignment with sparse depth, on any Vulkan device or the CPU", "iclk");
+int run(const std::vector<AddCommand>& commands, const std::vector<std::string>& arguments, bool others,
+        const std::string& program) {
+  CLI::App app("iclk: six-degree-of-freedom image alignment with sparse depth, on any Vulkan device or the CPU", program);
   app.formatter(std::make_shared<HelpFormatter>());
   app.set_version_flag("--version", version());
   app.require_subcommand(1);
@@ -82,13 +83,14 @@ int run(const std::vector<AddCommand>& commands, const std::vector<std::string>&
 
 }  // namespace
 
-int run_program(const std::vector<AddCommand>& commands, const std::vector<std::string>& arguments, bool others) {
+int run_program(const std::vector<AddCommand>& commands, const std::vector<std::string>& arguments, bool others,
+                const std::string& name) {
   spdlog::set_default_logger(spdlog::stderr_color_st("iclk"));
   spdlog::set_pattern("%n: %^%l%$: %v");
   std::signal(SIGPIPE, SIG_IGN);  // a closed pipe is an error that print() reports
   prepare_opencv();
   try {
-    return run(commands, arguments, others);
+    return run(commands, arguments, others, name);
   } catch (const Error& e) {
     spdlog::error("{}", e.what());
     return exit_code(e.code());
