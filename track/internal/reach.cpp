@@ -12,7 +12,7 @@ namespace {
 constexpr double kFaster = 3;     ///< than the largest speed of late
 constexpr double kRemember = 10;  ///< s; the time in which a speed counts for a third
 constexpr double kAtRest = 0.5;   ///< of the distance to what is seen: at once, and per second of a camera that stood
-constexpr double kDrift = 0.05;   ///< of the way, as a loop may correct
+constexpr double kDrift = 0.05;   ///< of the way
 
 }  // namespace
 
@@ -34,6 +34,7 @@ void Reach::arrive(const Keyframe& k, double distance, double time) {
 }
 
 void Reach::move_freely() {
+  if (lost()) state.breaks.pop_back();
   for (Break& b : state.breaks) b.left = -std::numeric_limits<double>::infinity();
 }
 
