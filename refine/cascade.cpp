@@ -3,9 +3,12 @@
 #include <algorithm>
 #include <cstring>
 #include <string>
+#include <utility>
 
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
+#include <iclk/refine/internal/align_feature.h>
+#include <iclk/refine/internal/blur.h>
 #include <iclk/refine/internal/uncertainty.h>
 
 namespace iclk {
@@ -24,6 +27,33 @@ RefinedAlignment unrefined(const Reference& reference, Alignment alignment, doub
   r.inverse_depth = reference.features.inverse_depth;
   r.iclk = std::move(alignment);
   return r;
+}
+
+/// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
+int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
+
+/// The mean distance of the features in image 1 by both poses, px; NaN without features.
+double distance(const Reference& reference, const SE3& a, const SE3& b) {
+  double sum = 0;
+  int count = 0;
+  for (int i = 0; i < reference.features.size(); ++i) {
+    const auto at = static_cast<size_t>(i);
+    const double q = reference.features.inverse_depth[at];
+    const internal::PatchWarp first = internal::warp_patch(reference.camera, reference.features.uv[at], q, a),
+                              second = internal::warp_patch(reference.camera, reference.features.uv[at], q, b);
+    if (!(q > 0) || !first.valid || !second.valid) continue;
+    sum += (first.uv1 - second.uv1).norm();
+    ++count;
+  }
+  return sum / count;
+}
+
+/// Whether an answer from images that were blurred alike replaces the one from the images as they are. What no feature confirms
+/// must be a refinement of that answer.
+bool worth_more(const Reference& reference, const RefinedAlignment& alike, const RefinedAlignment& given) {
+  constexpr double kNear = 5;  // px
+  if (rank(alike) == 2) return true;
+  return rank(alike) >= rank(given) && distance(reference, alike.T_10, given.T_10) < kNear;
 }
 
 /// A view of a copy of the pixels, rows packed.
@@ -138,6 +168,7 @@ std::vector<RefinedAlignment> Cascade::align(std::span<const Pair> pairs) {
   std::vector<RefinedAlignment> results = settle(pairs);
   for (size_t i = 0; i < pairs.size(); ++i)
     if (!results[i].fixed.empty()) look_past_overlay(pairs[i], results[i]);
+  for (size_t i = 0; i < pairs.size(); ++i) look_past_blur(pairs[i], results[i]);
   return results;
 }
 
@@ -157,6 +188,32 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
   for (size_t i = 0; i < whole.size(); ++i)
     if (other.fixed[i]) other.inverse_depth[i] = whole[i];
   other.reason += "; " + std::to_string(fixed) + " features that are fixed to the camera are left out";
+  result = std::move(other);
+}
+
+void Cascade::look_past_blur(const Pair& pair, RefinedAlignment& result) {
+  const bool confirmed = result.refined && result.converged();
+  if (confirmed || result.status == Status::ambiguous || result.status == Status::too_few_features || !steps_.front().refiner)
+    return;
+  Keyframe& keyframe = keyframes_[static_cast<size_t>(pair.reference)];
+  Reference& reference = keyframe.reference;
+  const auto blur =
+      internal::find_blur(grey_map(reference.image), grey_map(pair.target), reference.camera, reference.features, result.T_10);
+  if (!blur) return;
+  const internal::BlurredImage both0 = internal::blurred(reference.image, blur->target_in_reference),
+                               both1 = internal::blurred(pair.target, blur->reference_in_target);
+  const internal::BlurredMask mask = internal::blurred_mask(pair.target_mask, blur->reference_in_target);
+  const ImageView given = std::exchange(reference.image, both0.view);
+  keyframe.version = ++versions_;
+  Pair alike = pair;
+  alike.target = both1.view;
+  alike.target_mask = mask.view;
+  RefinedAlignment other = settle({&alike, 1}).front();
+  reference.image = given;
+  keyframe.version = ++versions_;
+  if (!worth_more(reference, other, result)) return;
+  other.blur = RefinedAlignment::Blur{blur->reference, blur->target};
+  other.reason += "; both images blurred alike";
   result = std::move(other);
 }
 

@@ -104,6 +104,11 @@ struct RefinedAlignment {
   /// One per feature: it stands still while the camera moves, like a caption or the own vehicle. Empty if there are none. A
   /// Cascade finds the pose without these features.
   std::vector<bool> fixed;
+  /// The motion blur of the images: the line from one end of a point's trace to the other, px; zero: sharp.
+  struct Blur {
+    Eigen::Vector2d reference = Eigen::Vector2d::Zero(), target = Eigen::Vector2d::Zero();
+  };
+  std::optional<Blur> blur;       ///< from a Cascade that blurred both images alike; empty: they were aligned as they are
   std::string model;              ///< from a Cascade: the model that answered; else empty
   std::vector<Attempt> attempts;  ///< from a Cascade: all models that were tried; the last one answered
 
