@@ -48,11 +48,9 @@ double distance(const Reference& reference, const SE3& a, const SE3& b) {
   return sum / count;
 }
 
-/// Whether an answer from images that were blurred alike replaces the one from the images as they are. What no feature confirms
-/// must be a refinement of that answer.
-bool worth_more(const Reference& reference, const RefinedAlignment& alike, const RefinedAlignment& given) {
+/// Whether an unconfirmed answer from images that were blurred alike is a refinement of the one from the images as they are.
+bool refines(const Reference& reference, const RefinedAlignment& alike, const RefinedAlignment& given) {
   constexpr double kNear = 5;  // px
-  if (rank(alike) == 2) return true;
   return rank(alike) >= rank(given) && distance(reference, alike.T_10, given.T_10) < kNear;
 }
 
@@ -168,7 +166,6 @@ std::vector<RefinedAlignment> Cascade::align(std::span<const Pair> pairs) {
   std::vector<RefinedAlignment> results = settle(pairs);
   for (size_t i = 0; i < pairs.size(); ++i)
     if (!results[i].fixed.empty()) look_past_overlay(pairs[i], results[i]);
-  for (size_t i = 0; i < pairs.size(); ++i) look_past_blur(pairs[i], results[i]);
   return results;
 }
 
@@ -191,27 +188,26 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
   result = std::move(other);
 }
 
-void Cascade::look_past_blur(const Pair& pair, RefinedAlignment& result) {
-  const bool confirmed = result.refined && result.converged();
-  if (confirmed || result.status == Status::ambiguous || result.status == Status::too_few_features || !steps_.front().refiner)
-    return;
+void Cascade::look_past_blur(size_t step, const Pair& pair, RefinedAlignment& result) {
+  if (!steps_[step].refiner || rank(result) == 2 || result.status == Status::ambiguous) return;
   Keyframe& keyframe = keyframes_[static_cast<size_t>(pair.reference)];
   Reference& reference = keyframe.reference;
   const auto blur =
       internal::find_blur(grey_map(reference.image), grey_map(pair.target), reference.camera, reference.features, result.T_10);
   if (!blur) return;
-  const internal::BlurredImage both0 = internal::blurred(reference.image, blur->target_in_reference),
-                               both1 = internal::blurred(pair.target, blur->reference_in_target);
+  const internal::BlurredImage image_0 = internal::blurred(reference.image, blur->target_in_reference),
+                               image_1 = internal::blurred(pair.target, blur->reference_in_target);
   const internal::BlurredMask mask = internal::blurred_mask(pair.target_mask, blur->reference_in_target);
-  const ImageView given = std::exchange(reference.image, both0.view);
+  const ImageView given = std::exchange(reference.image, image_0.view);
   keyframe.version = ++versions_;
   Pair alike = pair;
-  alike.target = both1.view;
+  alike.target = image_1.view;
   alike.target_mask = mask.view;
-  RefinedAlignment other = settle({&alike, 1}).front();
+  RefinedAlignment other = run(step, {alike}).front();
   reference.image = given;
   keyframe.version = ++versions_;
-  if (!worth_more(reference, other, result)) return;
+  const bool last = step + 1 == steps_.size();
+  if (rank(other) < 2 && !(last && refines(reference, other, result))) return;
   other.blur = RefinedAlignment::Blur{blur->reference, blur->target};
   other.reason += "; both images blurred alike";
   result = std::move(other);
@@ -227,6 +223,7 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> pairs) {
     std::vector<RefinedAlignment> answers = run(step, work);
     std::vector<size_t> unsettled;
     for (size_t k = 0; k < left.size(); ++k) {
+      if (step > 0 || steps_.size() == 1) look_past_blur(step, work[k], answers[k]);
       std::vector<Attempt> attempts = std::move(results[left[k]].attempts);
       attempts.push_back({steps_[step].model, answers[k].status, answers[k].reason});
       RefinedAlignment& r = results[left[k]] = std::move(answers[k]);

@@ -27,8 +27,9 @@ struct CascadePair {
 /// Some features may stand still while the camera moves, such as a caption. The pair is then aligned without them, and that
 /// pose is the answer if it has more features (RefinedAlignment::fixed).
 ///
-/// Features may fail to confirm a pose because one image is blurred more than the other. The pair is then aligned again with
-/// both images blurred alike, and that answer counts if its features confirm it (RefinedAlignment::blur).
+/// Features may fail to confirm a pose because one image is blurred more than the other. A model then aligns the pair again,
+/// with both images blurred alike. That answer counts if its features confirm it (RefinedAlignment::blur). From the last model
+/// it also counts if it is near the first one.
 ///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.
@@ -81,7 +82,7 @@ class Cascade {
   std::vector<RefinedAlignment> run(size_t step, const std::vector<Pair>& pairs);
   std::vector<RefinedAlignment> settle(std::span<const Pair> pairs);
   void look_past_overlay(const Pair& pair, RefinedAlignment& result);
-  void look_past_blur(const Pair& pair, RefinedAlignment& result);
+  void look_past_blur(size_t step, const Pair& pair, RefinedAlignment& result);
 
   std::vector<Step> steps_;
   std::vector<Running> running_;
