@@ -188,52 +188,74 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
   result = std::move(other);
 }
 
-void Cascade::look_past_blur(size_t step, const Pair& pair, RefinedAlignment& result) {
-  if (!steps_[step].refiner || rank(result) == 2 || result.status == Status::ambiguous) return;
+std::optional<internal::PairBlur> Cascade::blur_of(const Pair& pair, const RefinedAlignment& given) const {
+  if (rank(given) == 2 || given.status == Status::ambiguous) return {};
+  const Reference& reference = keyframes_[static_cast<size_t>(pair.reference)].reference;
+  return internal::find_blur(grey_map(reference.image), grey_map(pair.target), reference.camera, reference.features,
+                             given.T_10);
+}
+
+std::optional<RefinedAlignment> Cascade::align_alike(size_t step, const Pair& pair, const internal::PairBlur& blur,
+                                                     const RefinedAlignment& given) {
   Keyframe& keyframe = keyframes_[static_cast<size_t>(pair.reference)];
   Reference& reference = keyframe.reference;
-  const auto blur =
-      internal::find_blur(grey_map(reference.image), grey_map(pair.target), reference.camera, reference.features, result.T_10);
-  if (!blur) return;
-  const internal::BlurredImage image_0 = internal::blurred(reference.image, blur->target_in_reference),
-                               image_1 = internal::blurred(pair.target, blur->reference_in_target);
-  const internal::BlurredMask mask = internal::blurred_mask(pair.target_mask, blur->reference_in_target);
-  const ImageView given = std::exchange(reference.image, image_0.view);
-  keyframe.version = ++versions_;
+  const internal::BlurredImage image_0 = internal::blurred(reference.image, blur.target_in_reference),
+                               image_1 = internal::blurred(pair.target, blur.reference_in_target);
+  const internal::BlurredMask mask = internal::blurred_mask(pair.target_mask, blur.reference_in_target);
   Pair alike = pair;
   alike.target = image_1.view;
   alike.target_mask = mask.view;
-  RefinedAlignment other = run(step, {alike}).front();
-  reference.image = given;
+  const ImageView own = std::exchange(reference.image, image_0.view);
   keyframe.version = ++versions_;
-  const bool last = step + 1 == steps_.size();
-  if (rank(other) < 2 && !(last && refines(reference, other, result))) return;
-  other.blur = RefinedAlignment::Blur{blur->reference, blur->target};
-  other.reason += "; both images blurred alike";
-  result = std::move(other);
+  RefinedAlignment answer = run(step, {alike}).front();
+  reference.image = own;
+  keyframe.version = ++versions_;
+  if (rank(answer) < 2 && !refines(reference, answer, given)) return {};
+  answer.blur = RefinedAlignment::Blur{blur.reference, blur.target};
+  answer.reason += "; both images blurred alike";
+  return answer;
 }
 
 std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> pairs) {
   std::vector<RefinedAlignment> results(pairs.size());
+  std::vector<std::optional<internal::PairBlur>> blurs(pairs.size());
   std::vector<size_t> left(pairs.size());
   for (size_t i = 0; i < left.size(); ++i) left[i] = i;
   for (size_t step = 0; step < steps_.size() && !left.empty(); ++step) {
     std::vector<Pair> work;
-    for (const size_t i : left) work.push_back(pairs[i]);
-    std::vector<RefinedAlignment> answers = run(step, work);
+    for (const size_t i : left)
+      if (!blurs[i]) work.push_back(pairs[i]);
+    std::vector<RefinedAlignment> answers = work.empty() ? std::vector<RefinedAlignment>{} : run(step, work);
+    auto next = answers.begin();
     std::vector<size_t> unsettled;
-    for (size_t k = 0; k < left.size(); ++k) {
-      if (step > 0 || steps_.size() == 1) look_past_blur(step, work[k], answers[k]);
-      std::vector<Attempt> attempts = std::move(results[left[k]].attempts);
-      attempts.push_back({steps_[step].model, answers[k].status, answers[k].reason});
-      RefinedAlignment& r = results[left[k]] = std::move(answers[k]);
+    for (const size_t i : left) {
+      std::vector<Attempt> attempts = std::move(results[i].attempts);
+      RefinedAlignment& r = results[i];
+      r = blurs[i] ? answer_alike(step, pairs[i], *blurs[i], r) : look_past_blur(step, pairs[i], std::move(*next++), blurs[i]);
+      attempts.push_back({steps_[step].model, r.status, r.reason});
       r.model = steps_[step].model;
       r.attempts = std::move(attempts);
-      if (!r.converged() && r.status != Status::ambiguous) unsettled.push_back(left[k]);
+      if (!r.converged() && r.status != Status::ambiguous) unsettled.push_back(i);
     }
     left = std::move(unsettled);
   }
   return results;
+}
+
+RefinedAlignment Cascade::answer_alike(size_t step, const Pair& pair, const internal::PairBlur& blur,
+                                       const RefinedAlignment& given) {
+  std::optional<RefinedAlignment> alike = align_alike(step, pair, blur, given);
+  return alike ? std::move(*alike) : run(step, {pair}).front();
+}
+
+RefinedAlignment Cascade::look_past_blur(size_t step, const Pair& pair, RefinedAlignment answer,
+                                         std::optional<internal::PairBlur>& blur) {
+  const bool last = step + 1 == steps_.size();
+  if (!steps_[step].refiner || (step == 0 && !last)) return answer;
+  blur = blur_of(pair, answer);
+  if (!blur || (!last && !answer.converged())) return answer;
+  std::optional<RefinedAlignment> alike = align_alike(step, pair, *blur, answer);
+  return alike ? std::move(*alike) : answer;
 }
 
 }  // namespace iclk

@@ -10,6 +10,9 @@
 #include <iclk/refine/refiner.h>
 
 namespace iclk {
+namespace internal {
+struct PairBlur;
+}
 
 /// A pair with its own reference. Pixels and depths are read during Cascade::align() only.
 struct CascadePair {
@@ -27,9 +30,9 @@ struct CascadePair {
 /// Some features may stand still while the camera moves, such as a caption. The pair is then aligned without them, and that
 /// pose is the answer if it has more features (RefinedAlignment::fixed).
 ///
-/// Features may fail to confirm a pose because one image is blurred more than the other. A model then aligns the pair again,
-/// with both images blurred alike. That answer counts if its features confirm it (RefinedAlignment::blur). From the last model
-/// it also counts if it is near the first one.
+/// Features may fail to confirm a pose because one image is blurred more than the other. The pair is then aligned with both
+/// images blurred alike (RefinedAlignment::blur). That answer counts if its features confirm it, or if it is near the first
+/// one.
 ///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.
@@ -82,7 +85,15 @@ class Cascade {
   std::vector<RefinedAlignment> run(size_t step, const std::vector<Pair>& pairs);
   std::vector<RefinedAlignment> settle(std::span<const Pair> pairs);
   void look_past_overlay(const Pair& pair, RefinedAlignment& result);
-  void look_past_blur(size_t step, const Pair& pair, RefinedAlignment& result);
+  /// The unequal blur of a pair without a confirmed answer, found at the pose of that answer.
+  std::optional<internal::PairBlur> blur_of(const Pair& pair, const RefinedAlignment& given) const;
+  /// Aligns a pair with both images blurred alike. Nothing if features do not confirm the answer and it is far from `given`.
+  std::optional<RefinedAlignment> align_alike(size_t step, const Pair& pair, const internal::PairBlur& blur,
+                                              const RefinedAlignment& given);
+  RefinedAlignment answer_alike(size_t step, const Pair& pair, const internal::PairBlur& blur, const RefinedAlignment& given);
+  /// Sets `blur`, with which later models align the pair. If `answer` is the final one, this model aligns it again.
+  RefinedAlignment look_past_blur(size_t step, const Pair& pair, RefinedAlignment answer,
+                                  std::optional<internal::PairBlur>& blur);
 
   std::vector<Step> steps_;
   std::vector<Running> running_;
