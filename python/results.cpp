@@ -51,6 +51,12 @@ Fields to_dict(const RefinedAlignment& result, const Reference& reference) {
   out["covariance"] = to_array(has_covariance(result) ? result.covariance : Matrix6d::Constant(NAN));
   out["refined"] = result.refined;
   out["turn"] = result.turn ? nb::cast(to_array(result.turn->data(), {3})) : nb::none();
+  out["blur"] = nb::none();
+  if (result.blur) {
+    Eigen::Matrix2d lines;  // column-major
+    lines << result.blur->reference, result.blur->target;
+    out["blur"] = nb::cast(to_array(lines.data(), {2, 2}));
+  }
   add_features(result, reference, out);
   out["gain"] = result.iclk.gain;
   out["bias"] = result.iclk.bias;

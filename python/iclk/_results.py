@@ -46,6 +46,7 @@ class Alignment:
     covariance: Floats  #: 6 x 6 of [rho, phi], T_10 = mean Exp(xi), translation first, rad; NaN if there is none
     refined: bool  #: True: pose and covariance come from the refinement, else from ICLK
     turn: Floats | None  #: rotation by a rolling shutter, rad; None unless proven
+    blur: Floats | None  #: 2 x 2, px: lines of motion blur of reference and target, if both images were blurred alike
     uv: Floats  #: N x 2, px in the target: aligned, else projected by T_10; NaN if neither
     uv_covariance: Floats  #: N x 2 x 2, px^2; NaN unless aligned
     feature_status: tuple[str, ...]  #: "aligned", "diverged", "bad_match", "out_of_image", "no_depth", ...

@@ -63,6 +63,7 @@ def same(r: iclk.Alignment, j: dict) -> None:
     for key in ("gain", "bias", "visible_fraction", "correlation", "agreement"):
         assert getattr(r, key) == j[key], key
     assert (r.turn is None) == (j["turn"] is None)
+    assert (r.blur is None) == (j["blur"] is None)
     assert [(s.name, s.T_10.tolist(), s.cost) for s in r.stages] == [(s["name"], s["T_10"], s["cost"]) for s in j["stages"]]
     assert [a._asdict() for a in r.attempts] == j["attempts"]
 

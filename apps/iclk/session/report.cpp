@@ -160,6 +160,12 @@ std::string model_line(const RefinedAlignment& result) {
   return result.model + (before.empty() ? "" : before + ")");
 }
 
+Json blur(const RefinedAlignment& result) {
+  if (!result.blur) return nullptr;
+  const auto& [reference, target] = *result.blur;
+  return {{reference.x(), reference.y()}, {target.x(), target.y()}};
+}
+
 }  // namespace
 
 nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& result, const Session& session) {
@@ -177,6 +183,7 @@ nlohmann::ordered_json to_json(const PairInput& pair, const RefinedAlignment& re
           {"T_10", matrix_json(result.T_10.matrix())},
           {"covariance", matrix_json(covariance_or_nan(result))},
           {"turn", result.turn ? Json{result.turn->x(), result.turn->y(), result.turn->z()} : Json(nullptr)},
+          {"blur", blur(result)},
           {"rivals", rivals(result)},
           {"static_overlay", std::count(result.fixed.begin(), result.fixed.end(), true)},
           {"stages", stages(pair, result)},
@@ -231,6 +238,9 @@ std::string to_table(const PairInput& pair, const RefinedAlignment& result, cons
   if (result.turn)
     out +=
         formatted("shutter    rolling: corrected for %.2f deg of rotation during the readout\n", result.turn->norm() / kDegree);
+  if (result.blur)
+    out += formatted("blur       reference %.0f px, target %.0f px: both images were blurred alike\n",
+                     result.blur->reference.norm(), result.blur->target.norm());
   if (const auto fixed = std::count(result.fixed.begin(), result.fixed.end(), true); fixed > 0)
     out += formatted("overlay    %d features are fixed to the camera\n", static_cast<int>(fixed));
   for (const Rival& r : result.rivals)
