@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <map>
 #include <string>
 #include <utility>
 
@@ -70,6 +71,11 @@ ImageView keep(const ImageView& image, std::vector<uint8_t>& pixels) {
 
 Cascade::Cascade(std::vector<Step> steps) : steps_(std::move(steps)), running_(steps_.size()) {
   if (steps_.empty()) throw Error(ErrorCode::invalid_argument, "a cascade needs at least one model");
+  for (size_t step = 0; step < steps_.size(); ++step) {
+    looks_.push_back({step});
+    if (steps_[step].local_contrast && steps_[step].refiner) looks_.push_back({step, true});
+  }
+  looks_.front().first = looks_.back().last = true;
   start(0);
 }
 
@@ -188,6 +194,54 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
   result = std::move(other);
 }
 
+/// Pairs with other images. The keyframes have theirs back at the end.
+class Cascade::Changed {
+ public:
+  Changed(Cascade& cascade, std::span<const Pair> pairs, bool local_contrast, const internal::PairBlur* blur)
+      : pairs(pairs.begin(), pairs.end()), cascade_(cascade) {
+    for (Pair& pair : this->pairs) {
+      Keyframe& keyframe = cascade.keyframes_[static_cast<size_t>(pair.reference)];
+      if (own_.try_emplace(pair.reference, keyframe.reference.image).second) {
+        if (blur) keyframe.reference.image = keep(internal::blurred(keyframe.reference.image, blur->target_in_reference));
+        if (local_contrast) keyframe.reference.image = keep(internal::local_contrast(keyframe.reference.image));
+        keyframe.version = ++cascade.versions_;
+      }
+      if (blur) pair.target = keep(internal::blurred(pair.target, blur->reference_in_target));
+      if (local_contrast) pair.target = keep(internal::local_contrast(pair.target));
+      if (blur && !pair.target_mask.empty())
+        pair.target_mask = masks_.emplace_back(internal::blurred_mask(pair.target_mask, blur->reference_in_target)).view;
+    }
+  }
+  ~Changed() {
+    for (const auto& [slot, image] : own_) {
+      Keyframe& keyframe = cascade_.keyframes_[static_cast<size_t>(slot)];
+      keyframe.reference.image = image;
+      keyframe.version = ++cascade_.versions_;
+    }
+  }
+  Changed(const Changed&) = delete;
+  Changed& operator=(const Changed&) = delete;
+
+  std::vector<Pair> pairs;
+
+ private:
+  ImageView keep(internal::FloatImage image) { return images_.emplace_back(std::move(image)).view; }
+
+  Cascade& cascade_;
+  std::map<int, ImageView> own_;  // by slot
+  std::vector<internal::FloatImage> images_;
+  std::vector<internal::BlurredMask> masks_;
+};
+
+std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<Pair>& pairs) {
+  if (pairs.empty()) return {};
+  if (!look.local_contrast) return run(look.step, pairs);
+  const Changed changed(*this, pairs, true, nullptr);
+  std::vector<RefinedAlignment> answers = run(look.step, changed.pairs);
+  for (RefinedAlignment& r : answers) r.reason += "; by local contrast";
+  return answers;
+}
+
 std::optional<internal::PairBlur> Cascade::blur_of(const Pair& pair, const RefinedAlignment& given) const {
   if (rank(given) == 2 || given.status == Status::ambiguous) return {};
   const Reference& reference = keyframes_[static_cast<size_t>(pair.reference)].reference;
@@ -195,25 +249,30 @@ std::optional<internal::PairBlur> Cascade::blur_of(const Pair& pair, const Refin
                              given.T_10);
 }
 
-std::optional<RefinedAlignment> Cascade::align_alike(size_t step, const Pair& pair, const internal::PairBlur& blur,
+std::optional<RefinedAlignment> Cascade::align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                                      const RefinedAlignment& given) {
-  Keyframe& keyframe = keyframes_[static_cast<size_t>(pair.reference)];
-  Reference& reference = keyframe.reference;
-  const internal::BlurredImage image_0 = internal::blurred(reference.image, blur.target_in_reference),
-                               image_1 = internal::blurred(pair.target, blur.reference_in_target);
-  const internal::BlurredMask mask = internal::blurred_mask(pair.target_mask, blur.reference_in_target);
-  Pair alike = pair;
-  alike.target = image_1.view;
-  alike.target_mask = mask.view;
-  const ImageView own = std::exchange(reference.image, image_0.view);
-  keyframe.version = ++versions_;
-  RefinedAlignment answer = run(step, {alike}).front();
-  reference.image = own;
-  keyframe.version = ++versions_;
+  const Changed changed(*this, {&pair, 1}, look.local_contrast, &blur);
+  RefinedAlignment answer = run(look.step, changed.pairs).front();
+  const Reference& reference = keyframes_[static_cast<size_t>(pair.reference)].reference;
   if (rank(answer) < 2 && !refines(reference, answer, given)) return {};
   answer.blur = RefinedAlignment::Blur{blur.reference, blur.target};
-  answer.reason += "; both images blurred alike";
+  answer.reason += look.local_contrast ? "; by local contrast, both images blurred alike" : "; both images blurred alike";
   return answer;
+}
+
+RefinedAlignment Cascade::answer_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
+                                       const RefinedAlignment& given) {
+  std::optional<RefinedAlignment> alike = align_alike(look, pair, blur, given);
+  return alike ? std::move(*alike) : run(look, {pair}).front();
+}
+
+RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, RefinedAlignment answer,
+                                         std::optional<internal::PairBlur>& blur) {
+  if (!steps_[look.step].refiner || (look.first && !look.last)) return answer;
+  blur = blur_of(pair, answer);
+  if (!blur || !(look.last || look.local_contrast || answer.converged())) return answer;
+  std::optional<RefinedAlignment> alike = align_alike(look, pair, *blur, answer);
+  return alike ? std::move(*alike) : answer;
 }
 
 std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> pairs) {
@@ -221,41 +280,28 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> pairs) {
   std::vector<std::optional<internal::PairBlur>> blurs(pairs.size());
   std::vector<size_t> left(pairs.size());
   for (size_t i = 0; i < left.size(); ++i) left[i] = i;
-  for (size_t step = 0; step < steps_.size() && !left.empty(); ++step) {
+  for (const Look& look : looks_) {
     std::vector<Pair> work;
     for (const size_t i : left)
       if (!blurs[i]) work.push_back(pairs[i]);
-    std::vector<RefinedAlignment> answers = work.empty() ? std::vector<RefinedAlignment>{} : run(step, work);
+    std::vector<RefinedAlignment> answers = run(look, work);
     auto next = answers.begin();
     std::vector<size_t> unsettled;
     for (const size_t i : left) {
-      std::vector<Attempt> attempts = std::move(results[i].attempts);
       RefinedAlignment& r = results[i];
-      r = blurs[i] ? answer_alike(step, pairs[i], *blurs[i], r) : look_past_blur(step, pairs[i], std::move(*next++), blurs[i]);
-      attempts.push_back({steps_[step].model, r.status, r.reason});
-      r.model = steps_[step].model;
+      RefinedAlignment answer =
+          blurs[i] ? answer_alike(look, pairs[i], *blurs[i], r) : look_past_blur(look, pairs[i], std::move(*next++), blurs[i]);
+      answer.model = steps_[look.step].model;
+      std::vector<Attempt> attempts = std::move(r.attempts);
+      attempts.push_back({answer.model + (look.local_contrast ? ", local contrast" : ""), answer.status, answer.reason});
+      const bool settled = answer.converged() || answer.status == Status::ambiguous;
+      if (settled || answer.inliers >= r.inliers) r = std::move(answer);
       r.attempts = std::move(attempts);
-      if (!r.converged() && r.status != Status::ambiguous) unsettled.push_back(i);
+      if (!settled) unsettled.push_back(i);
     }
     left = std::move(unsettled);
   }
   return results;
-}
-
-RefinedAlignment Cascade::answer_alike(size_t step, const Pair& pair, const internal::PairBlur& blur,
-                                       const RefinedAlignment& given) {
-  std::optional<RefinedAlignment> alike = align_alike(step, pair, blur, given);
-  return alike ? std::move(*alike) : run(step, {pair}).front();
-}
-
-RefinedAlignment Cascade::look_past_blur(size_t step, const Pair& pair, RefinedAlignment answer,
-                                         std::optional<internal::PairBlur>& blur) {
-  const bool last = step + 1 == steps_.size();
-  if (!steps_[step].refiner || (step == 0 && !last)) return answer;
-  blur = blur_of(pair, answer);
-  if (!blur || (!last && !answer.converged())) return answer;
-  std::optional<RefinedAlignment> alike = align_alike(step, pair, *blur, answer);
-  return alike ? std::move(*alike) : answer;
 }
 
 }  // namespace iclk

@@ -24,8 +24,9 @@ struct CascadePair {
 };
 
 /// Aligns pairs with several models, the cheapest first. Each pair starts with the first model. Pairs that do not end in
-/// Status::converged go to the next model; the answer of the last model is final. RefinedAlignment::model names the model that
-/// answered, RefinedAlignment::attempts lists all models that were tried. A pair's answer does not depend on other pairs.
+/// Status::converged go to the next model. If none converges, the answer is the one with which most features agree.
+/// RefinedAlignment::model names the model that answered, RefinedAlignment::attempts lists all models that were tried. A pair's
+/// answer does not depend on other pairs.
 ///
 /// Some features may stand still while the camera moves, such as a caption. The pair is then aligned without them, and that
 /// pose is the answer if it has more features (RefinedAlignment::fixed).
@@ -43,6 +44,8 @@ class Cascade {
     /// Makes the aligner. The constructor calls it for the first step; other steps call it at their first pair.
     std::function<std::unique_ptr<Aligner>()> make;
     std::optional<RefinerOptions> refiner;  ///< empty: no refinement, the answer is the pose of ICLK
+    /// Pairs that do not converge are aligned a second time, with the local contrast of both images made even.
+    bool local_contrast = false;
   };
   /// Sums over the constructor and all calls of align(), ms.
   struct Times {
@@ -80,23 +83,33 @@ class Cascade {
     std::unique_ptr<Refiner> refiner;
     std::vector<uint64_t> prepared;  ///< for each slot, the Keyframe::version that the aligner has
   };
+  /// A step, with the images as they are or with even local contrast.
+  struct Look {
+    size_t step = 0;
+    bool local_contrast = false;
+    bool first = false, last = false;
+  };
+  class Changed;
   void start(size_t step);
   void prepare(size_t step, int slot);
   std::vector<RefinedAlignment> run(size_t step, const std::vector<Pair>& pairs);
+  std::vector<RefinedAlignment> run(const Look& look, const std::vector<Pair>& pairs);
   std::vector<RefinedAlignment> settle(std::span<const Pair> pairs);
   void look_past_overlay(const Pair& pair, RefinedAlignment& result);
   /// The unequal blur of a pair without a confirmed answer, found at the pose of that answer.
   std::optional<internal::PairBlur> blur_of(const Pair& pair, const RefinedAlignment& given) const;
   /// Aligns a pair with both images blurred alike. Nothing if features do not confirm the answer and it is far from `given`.
-  std::optional<RefinedAlignment> align_alike(size_t step, const Pair& pair, const internal::PairBlur& blur,
+  std::optional<RefinedAlignment> align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                               const RefinedAlignment& given);
-  RefinedAlignment answer_alike(size_t step, const Pair& pair, const internal::PairBlur& blur, const RefinedAlignment& given);
-  /// Sets `blur`, with which later models align the pair. If `answer` is the final one, this model aligns it again.
-  RefinedAlignment look_past_blur(size_t step, const Pair& pair, RefinedAlignment answer,
+  RefinedAlignment answer_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
+                                const RefinedAlignment& given);
+  /// Sets `blur`, with which later looks align the pair. If no other look follows, or this one is cheap, it aligns it again.
+  RefinedAlignment look_past_blur(const Look& look, const Pair& pair, RefinedAlignment answer,
                                   std::optional<internal::PairBlur>& blur);
 
   std::vector<Step> steps_;
   std::vector<Running> running_;
+  std::vector<Look> looks_;
   std::vector<Keyframe> keyframes_;  // by slot
   uint64_t versions_ = 0;
   Times times_;

@@ -8,6 +8,7 @@
 #include <iclk/align/features.h>
 #include <iclk/align/pyramid.h>
 #include <iclk/align/se3.h>
+#include <iclk/refine/internal/local_contrast.h>
 
 namespace iclk::internal {
 
@@ -27,12 +28,8 @@ struct PairBlur {
 std::optional<PairBlur> find_blur(const Map& f0, const Map& f1, const Camera& camera, const Features& features,
                                   const SE3& T_10);
 
-/// The pixels of an image of floats, blurred along a line; borders are mirrored. One channel, or three.
-struct BlurredImage {
-  std::vector<float> pixels;
-  ImageView view;
-};
-BlurredImage blurred(const ImageView& image, const Eigen::Vector2d& line);
+/// An image blurred along a line; borders are mirrored. It has one channel, or three.
+FloatImage blurred(const ImageView& image, const Eigen::Vector2d& line);
 
 /// The mask of an image that is blurred along a line: 0 where a hidden pixel takes part. Empty for an empty mask.
 struct BlurredMask {

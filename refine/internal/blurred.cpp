@@ -42,12 +42,12 @@ int mirrored(int x, int size) {
 
 }  // namespace
 
-BlurredImage blurred(const ImageView& image, const Eigen::Vector2d& line) {
+FloatImage blurred(const ImageView& image, const Eigen::Vector2d& line) {
   const bool grey = channels(image.format) == 1;
   std::vector<Map> maps = grey ? std::vector<Map>{grey_map(image)} : rgb_maps(image);
   const int w = image.width, h = image.height, n = static_cast<int>(maps.size());
   const std::vector<Tap> taps = taps_of(line);
-  BlurredImage out;
+  FloatImage out;
   out.pixels.resize(static_cast<size_t>(w) * static_cast<size_t>(h) * static_cast<size_t>(n));
   std::vector<float> sum(static_cast<size_t>(w));
   for (int v = 0; v < h; ++v)

@@ -129,7 +129,7 @@ TEST(FindBlur, BadFeaturesAreLeftOut) {
 TEST(Blurred, MovesNothingAndKeepsTheMean) {
   Frame dot{31, 31, std::vector<float>(31 * 31, 0.0f)};
   dot.at(15, 15) = 1;
-  const internal::BlurredImage image = internal::blurred(dot.view(), {7.3, -4.1});
+  const internal::FloatImage image = internal::blurred(dot.view(), {7.3, -4.1});
   double sum = 0, u_mean = 0, v_mean = 0, along = 0;
   for (int v = 0; v < 31; ++v)
     for (int u = 0; u < 31; ++u) {
@@ -148,7 +148,7 @@ TEST(Blurred, MovesNothingAndKeepsTheMean) {
 TEST(Blurred, FormatsAreOneMeaning) {
   std::vector<uint8_t> bgr(3 * 12 * 9);
   for (size_t i = 0; i < bgr.size(); ++i) bgr[i] = static_cast<uint8_t>(37 * i);
-  const internal::BlurredImage image = internal::blurred({bgr.data(), 12, 9, 0, PixelFormat::bgr8}, Vector2d::Zero());
+  const internal::FloatImage image = internal::blurred({bgr.data(), 12, 9, 0, PixelFormat::bgr8}, Vector2d::Zero());
   ASSERT_EQ(image.view.format, PixelFormat::rgb32f);
   for (size_t i = 0; i < bgr.size(); i += 3)
     for (size_t c = 0; c < 3; ++c) EXPECT_NEAR(image.pixels[i + c], bgr[i + 2 - c] / 255.0f, 1e-6f);
