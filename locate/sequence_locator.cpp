@@ -17,6 +17,7 @@ constexpr double kDepthSigma = 0.01;  // of the depths that the map gives, relat
 constexpr double kSwerve = 0.5;       // of the last motion: standard deviation of the next one
 constexpr double kLeastTurn = 0.01;   // rad, of a prediction
 constexpr double kUnconfirmed = 100;  // times the covariance, of motions that no features confirm
+constexpr double kLeastShown = 0.75;  // of a view: at the map's border, motion tells more depths than the map
 constexpr double kLostGrowth = 2;     // times the last speed, m/s, by which the position of a lost camera becomes unknown
 
 /// T^(share): the same motion in another time.
@@ -40,6 +41,12 @@ TrackerOptions tracker_options(const SequenceLocatorOptions& options) {
 double mean_depth(const View& view) {
   const auto some = std::count_if(view.depth.begin(), view.depth.end(), [](float z) { return z > 0; });
   return std::accumulate(view.depth.begin(), view.depth.end(), 0.0) / std::max(1.0, static_cast<double>(some));
+}
+
+/// The share of the pixels that the map shows.
+double shown(const View& view) {
+  const auto some = std::count_if(view.depth.begin(), view.depth.end(), [](float z) { return z > 0; });
+  return static_cast<double>(some) / std::max<double>(1, static_cast<double>(view.depth.size()));
 }
 
 }  // namespace
@@ -144,7 +151,7 @@ TrackResult SequenceLocator::Impl::track(const LocatorFrame& frame, const Locate
   TrackFrame next{frame.time, frame.image, {}, frame.mask};
   if (located.converged()) {
     view = locator.view(camera, located.T_WC);
-    next.depth = view.depth_image();
+    if (shown(view) >= kLeastShown) next.depth = view.depth_image();
     distance = mean_depth(view);
   }
   return tracker.track(next);

@@ -207,9 +207,9 @@ class Cascade::Changed {
         keyframe.version = ++cascade.versions_;
       }
       if (blur) pair.target = keep(internal::blurred(pair.target, blur->reference_in_target));
-      if (local_contrast) pair.target = keep(internal::local_contrast(pair.target));
       if (blur && !pair.target_mask.empty())
         pair.target_mask = masks_.emplace_back(internal::blurred_mask(pair.target_mask, blur->reference_in_target)).view;
+      if (local_contrast) pair.target = keep(internal::local_contrast(pair.target, pair.target_mask));
     }
   }
   ~Changed() {

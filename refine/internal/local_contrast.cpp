@@ -34,26 +34,36 @@ void smooth(Map& map, int radius) {
 
 }  // namespace
 
-FloatImage local_contrast(const ImageView& image) {
+FloatImage local_contrast(const ImageView& image, const ImageView& mask) {
   const Map grey = grey_map(image);
   const double sigma = std::max(2.0, kSigma * image.width);
   // The variance of a box of n values is (n^2 - 1) / 12.
   const int radius = std::max(1, static_cast<int>(std::lround(0.5 * (std::sqrt(12 * sigma * sigma / kBoxes + 1) - 1))));
-  Map mean = grey;
-  for (float& x : mean.data)
-    if (!(std::abs(x) < 1e6f)) x = 0.5f;
-  const Map finite = mean;
-  smooth(mean, radius);
+  Map weight(image.width, image.height), known = grey;
+  for (int v = 0; v < image.height; ++v)
+    for (int u = 0; u < image.width; ++u) {
+      const bool counts = std::abs(grey.at(u, v)) < 1e6f && (mask.empty() || mask.row(v)[u] != 0);
+      weight.at(u, v) = counts ? 1.0f : 0.0f;
+      if (!counts) known.at(u, v) = 0;
+    }
+  const Map counted = weight;
+  smooth(weight, radius);
+  const auto mean_of = [&](Map map) {
+    smooth(map, radius);
+    for (size_t i = 0; i < map.data.size(); ++i) map.data[i] /= std::max(weight.data[i], 1e-3f);
+    return map;
+  };
+  const Map mean = mean_of(known);
   Map square(image.width, image.height);
   for (size_t i = 0; i < square.data.size(); ++i)
-    square.data[i] = (finite.data[i] - mean.data[i]) * (finite.data[i] - mean.data[i]);
-  smooth(square, radius);
+    square.data[i] = counted.data[i] * (known.data[i] - mean.data[i]) * (known.data[i] - mean.data[i]);
+  const Map variance = mean_of(std::move(square));
   FloatImage out;
   out.pixels.resize(grey.data.size());
   for (size_t i = 0; i < out.pixels.size(); ++i) {
-    const float deviation = std::sqrt(std::max(square.data[i], 0.0f)) + kLeastDeviation;
+    const float deviation = std::sqrt(std::max(variance.data[i], 0.0f)) + kLeastDeviation;
     out.pixels[i] = std::isfinite(grey.data[i])
-                        ? std::clamp(0.5f + kContrast * (finite.data[i] - mean.data[i]) / deviation, 0.0f, 1.0f)
+                        ? std::clamp(0.5f + kContrast * (grey.data[i] - mean.data[i]) / deviation, 0.0f, 1.0f)
                         : grey.data[i];
   }
   out.view = {out.pixels.data(), image.width, image.height, 0, PixelFormat::r32f};

@@ -16,7 +16,8 @@ struct FloatImage {
 ///   0.5 + 0.16 (grey - mean) / (deviation + 0.016),   clamped to [0, 1]
 ///
 /// Mean and standard deviation have Gaussian weights of 1.6 % of the image's width. Slow changes of light, such as haze, shadow
-/// and vignetting, leave the result as it is. Pixels that are not finite stay so.
-FloatImage local_contrast(const ImageView& image);
+/// and vignetting, leave the result as it is. Pixels that are not finite stay so. Pixels where the mask is 0 do not count; an
+/// empty mask hides nothing.
+FloatImage local_contrast(const ImageView& image, const ImageView& mask = {});
 
 }  // namespace iclk::internal

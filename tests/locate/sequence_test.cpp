@@ -93,7 +93,7 @@ TEST_F(Sequences, FramesWithoutAMapKeepAPose) {
       sum += nees(pose, pose_at(i));
       ++in_gap;
     }
-  EXPECT_GT(in_gap, 20);
+  EXPECT_GT(in_gap, 12);
   EXPECT_LT(sum / in_gap, 12) << "the covariance is that of the errors";
 }
 

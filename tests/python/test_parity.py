@@ -135,7 +135,7 @@ def test_what_does_not_converge_goes_on_to_the_other_models(tmp_path: Path) -> N
     near, other = make_scene(160, 120), make_scene(160, 120, seed=9)
     pair = Scene(near.reference, other.target, near.depth, near.K, near.T_10, near.uv, near.z)
     j = command(tmp_path, pair, "--solver", "cpu")
-    assert len(j["attempts"]) == 3
+    assert len(j["attempts"]) == 4
     aligner = iclk.Aligner(160, 120, device="cpu", batch=2)
     aligner.set_reference(0, pair.reference, pair.uv, pair.z, pair.K)
     settled, r = aligner.align_batch([(0, near.target), (0, pair.target)])
