@@ -77,7 +77,7 @@ struct Shadow {
   double darkness = 0;
 };
 
-// What no training and no choice of iclk's has seen: the family `unseen` of sealed sets (docs/results/evaluation.md).
+// What no training has seen: the family `unseen` of the sealed test of 0.1.0 (docs/results/sealed.md).
 
 /// x e^-b + light (1 - e^-b), b = density (1 + sin(2 pi (k . (x, y) + phase))) / 2: haze that is thicker here than there.
 struct Haze {

@@ -23,7 +23,7 @@ namespace iclk {
 ///                 [0.05, 0.25], softness in [0.002, 0.06]
 ///   severe:S      each of the eight with probability 1/2, at least one, at a strength uniform in [0.2, 0.7] S
 ///   unseen:S      haze (density 2.5 S), flicker (amount 0.5 S), banding (sigma 0.04 S), local tone mapping (amount 0.8 S), as
-///                 severe takes its eight: for sealed sets alone, and never to be trained or chosen on
+///                 severe takes its eight: no model is trained on it
 ///
 /// S lies in (0, 1], that of jitter in (0, 2]. Where a kind has two signs, each has probability 1/2.
 struct AppearanceSpec {
