@@ -30,6 +30,8 @@ RefinedAlignment unrefined(const Reference& reference, Alignment alignment, doub
   return r;
 }
 
+constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contrast at a time
+
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
 
@@ -197,9 +199,10 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
 /// Pairs with other images. The keyframes have theirs back at the end.
 class Cascade::Changed {
  public:
-  Changed(Cascade& cascade, std::span<const Pair> pairs, bool local_contrast, const internal::PairBlur* blur)
-      : pairs(pairs.begin(), pairs.end()), cascade_(cascade) {
-    for (Pair& pair : this->pairs) {
+  Changed(Cascade& cascade, std::span<const Pair> given, bool local_contrast, const internal::PairBlur* blur)
+      : Changed(cascade) {  // from here on, the destructor runs even if this throws
+    pairs.assign(given.begin(), given.end());
+    for (Pair& pair : pairs) {
       Keyframe& keyframe = cascade.keyframes_[static_cast<size_t>(pair.reference)];
       if (own_.try_emplace(pair.reference, keyframe.reference.image).second) {
         if (blur) keyframe.reference.image = keep(internal::blurred(keyframe.reference.image, blur->target_in_reference));
@@ -225,6 +228,7 @@ class Cascade::Changed {
   std::vector<Pair> pairs;
 
  private:
+  explicit Changed(Cascade& cascade) : cascade_(cascade) {}
   ImageView keep(internal::FloatImage image) { return images_.emplace_back(std::move(image)).view; }
 
   Cascade& cascade_;
@@ -236,8 +240,14 @@ class Cascade::Changed {
 std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<Pair>& pairs) {
   if (pairs.empty()) return {};
   if (!look.local_contrast) return run(look.step, pairs);
-  const Changed changed(*this, pairs, true, nullptr);
-  std::vector<RefinedAlignment> answers = run(look.step, changed.pairs);
+  std::vector<RefinedAlignment> answers;
+  const ImageView& image = pairs.front().target;
+  const size_t at_once =
+      std::max(size_t{1}, kMostPixels / (static_cast<size_t>(image.width) * static_cast<size_t>(image.height)));
+  for (size_t first = 0; first < pairs.size(); first += at_once) {
+    const Changed changed(*this, std::span(pairs).subspan(first, std::min(at_once, pairs.size() - first)), true, nullptr);
+    for (RefinedAlignment& r : run(look.step, changed.pairs)) answers.push_back(std::move(r));
+  }
   for (RefinedAlignment& r : answers) r.reason += "; by local contrast";
   return answers;
 }
