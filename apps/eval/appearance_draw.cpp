@@ -79,7 +79,7 @@ constexpr Kind kSevere[] = {
     {"jpeg", [](double s, Random&) -> Change { return Jpeg{static_cast<int>(std::lround(95 - 87 * s))}; }},
 };
 
-constexpr Kind kUnseen[] = {
+constexpr Kind kAdverse[] = {
     {"haze",
      [](double s, Random& r) -> Change {
        Haze c;
@@ -107,6 +107,26 @@ constexpr Kind kUnseen[] = {
      }},
 };
 
+constexpr Kind kUnseen[] = {
+    {"clouds",
+     [](double s, Random& r) -> Change {
+       const double cells = r.uniform(1.5, 6);
+       return Clouds{1.2 * s, cells, r.word()};
+     }},
+    {"droplets",
+     [](double s, Random& r) -> Change {
+       return Droplets{1.3 * s, 20, r.word()};
+     }},
+    {"channel_mix",
+     [](double s, Random& r) -> Change {
+       return ChannelMix{1.3 * s, r.word()};
+     }},
+    {"sharpen",
+     [](double s, Random& r) -> Change {
+       return Sharpen{5 * s, r.uniform(0.001, 0.006)};
+     }},
+};
+
 /// Each with probability 1/2, at least one.
 std::vector<Change> draw_some(std::span<const Kind> kinds, double strength, Random& random) {
   std::vector<Change> all, taken;
@@ -128,6 +148,8 @@ const std::vector<std::string>& appearance_kinds() {
     std::vector<std::string> names = {"jitter"};
     for (const Kind& kind : kSevere) names.emplace_back(kind.name);
     names.emplace_back("severe");
+    for (const Kind& kind : kAdverse) names.emplace_back(kind.name);
+    names.emplace_back("adverse");
     return names;
   }();
   return kinds;
@@ -145,7 +167,7 @@ AppearanceSpec parse_appearance(const std::string& text) {
     return spec;
   }
   const auto& kinds = appearance_kinds();
-  const bool family = spec.kind == "severe" || spec.kind == "unseen";
+  const bool family = spec.kind == "severe" || spec.kind == "adverse" || spec.kind == "unseen";
   if (!family && std::find(kinds.begin(), kinds.end(), spec.kind) == kinds.end()) {
     std::string all = "clean";
     for (const std::string& kind : kinds) all += ", " + kind;
@@ -180,8 +202,10 @@ std::vector<Change> draw_changes(const AppearanceSpec& spec, uint64_t seed) {
   Random random(seed);
   if (spec.clean()) return {};
   if (spec.kind == "jitter") return {draw_jitter(spec.strength, random)};
-  for (const Kind& kind : kSevere)
-    if (spec.kind == kind.name) return {kind.draw(spec.strength, random)};
+  for (const std::span<const Kind> kinds : {std::span<const Kind>(kSevere), std::span<const Kind>(kAdverse)})
+    for (const Kind& kind : kinds)
+      if (spec.kind == kind.name) return {kind.draw(spec.strength, random)};
+  if (spec.kind == "adverse") return draw_some(kAdverse, spec.strength, random);
   if (spec.kind == "unseen") return draw_some(kUnseen, spec.strength, random);
   return draw_some(kSevere, spec.strength, random);
 }

@@ -22,8 +22,13 @@ namespace iclk {
 ///   shadow:S      darkness 0.85 S, place uniform in the image, angle in [0, pi], half length in [0.15, 0.6], half width in
 ///                 [0.05, 0.25], softness in [0.002, 0.06]
 ///   severe:S      each of the eight with probability 1/2, at least one, at a strength uniform in [0.2, 0.7] S
-///   unseen:S      haze (density 2.5 S), flicker (amount 0.5 S), banding (sigma 0.04 S), local tone mapping (amount 0.8 S), as
-///                 severe takes its eight: no model is trained on it
+///   haze:S        density 2.5 S
+///   flicker:S     amount 0.5 S
+///   banding:S     sigma 0.04 S
+///   tone_map:S    amount 0.8 S
+///   adverse:S     these four, as severe takes its eight
+///   unseen:S      clouds (darkness 1.2 S), droplets (amount 1.3 S), channel_mix (amount 1.3 S), sharpen (amount 5 S), taken in
+///                 the same way: for sealed sets alone, and never to be trained or chosen on
 ///
 /// S lies in (0, 1], that of jitter in (0, 2]. Where a kind has two signs, each has probability 1/2.
 struct AppearanceSpec {
@@ -69,8 +74,9 @@ uint64_t appearance_seed(uint64_t seed, std::string_view id, int variant, Side s
 /// is sign(), a noise's seed is word()). Jitter: for i = 3, 2, 1, with j = below(i + 1), order[i] and order[j] change places;
 /// then brightness, contrast, saturation, hue. severe: for each of the eight, in the order above, uniform() < 0.5 takes it, its
 /// strength is S uniform(0.2, 0.7), and it is drawn from Random(word()); these three are drawn for all eight. Where none was
-/// taken, number below(8) is. unseen: the same with its four; haze draws kx, ky in [-1.5, 1.5] and phase, flicker periods in
-/// [0.5, 4] and phase, tone mapping its radius in [0.04, 0.12].
+/// taken, number below(8) is. adverse and unseen: the same with their four; haze draws kx, ky in [-1.5, 1.5] and phase, flicker
+/// periods in [0.5, 4] and phase, tone mapping its radius in [0.04, 0.12]; clouds draw cells in [1.5, 6] and a seed, droplets
+/// and channel_mix a seed, sharpen its radius in [0.001, 0.006].
 std::vector<Change> draw_changes(const AppearanceSpec& spec, uint64_t seed);
 
 }  // namespace iclk

@@ -107,7 +107,20 @@ SEVERE = {  # in the order in which light meets them: the scene, the lens, the s
     'gamma': draw_gamma,
     'jpeg': lambda s, random: (jpeg, dict(quality=math.floor(95 - 87 * s + 0.5))),
 }
-KINDS = ['jitter', *SEVERE, 'severe']
+
+
+def draw_haze(s, random):
+    return haze, dict(density=2.5 * s, kx=random.uniform(-1.5, 1.5), ky=random.uniform(-1.5, 1.5), phase=random.uniform())
+
+
+ADVERSE = {
+    'haze': draw_haze,
+    'flicker': lambda s, random: (flicker, dict(amount=0.5 * s, periods=random.uniform(0.5, 4), phase=random.uniform())),
+    'banding': lambda s, random: (banding, dict(sigma=0.04 * s, seed=random.word())),
+    'tone_map': lambda s, random: (tone_map, dict(amount=0.8 * s, radius=random.uniform(0.04, 0.12))),
+}
+FAMILIES = {'severe': SEVERE, 'adverse': ADVERSE}
+KINDS = ['jitter', *SEVERE, 'severe', *ADVERSE, 'adverse']
 
 
 def parse(text):
@@ -119,7 +132,7 @@ def parse(text):
         raise ValueError(f'appearance {text!r}: kind must be clean, {", ".join(KINDS)}, then a colon and the strength')
     most = 2 if kind == 'jitter' else 1
     try:
-        strength = 1.0 if kind == 'severe' and not colon else float(number)
+        strength = 1.0 if kind in FAMILIES and not colon else float(number)
     except ValueError:
         strength = math.nan
     if not 0 < strength <= most:
@@ -132,10 +145,10 @@ def draw_changes(kind, strength, seed):
     random = Random(seed)
     if kind == 'clean':
         return []
-    if kind != 'severe':
-        return [(draw_jitter if kind == 'jitter' else SEVERE[kind])(strength, random)]
+    if kind not in FAMILIES:
+        return [{'jitter': draw_jitter, **SEVERE, **ADVERSE}[kind](strength, random)]
     drawn, taken = [], []
-    for draw in SEVERE.values():
+    for draw in FAMILIES[kind].values():
         take = random.uniform() < 0.5
         own_strength = strength * random.uniform(0.2, 0.7)
         drawn.append(draw(own_strength, Random(random.word())))
@@ -260,13 +273,16 @@ def motion_blur(x, length, angle):
     return clamped(cv2.filter2D(x, cv2.CV_32F, kernel, borderType=cv2.BORDER_REFLECT_101))
 
 
-def noise(x, sigma, shot, seed):
-    n = np.arange(2 * x.size, dtype=np.uint64)
-    words = counter_words(seed, n)
+def near_normal(seed, count):
+    """`count` numbers of standard deviation 1, from 128 bits each."""
+    words = counter_words(seed, np.arange(2 * count, dtype=np.uint64))
     total = sum((words >> np.uint64(shift) & np.uint64(0xFFFF)).astype(np.int64) for shift in (0, 16, 32, 48))
-    normal = (total.reshape(-1, 2).sum(1) - 4 * 65535) / (65536 * math.sqrt(8 / 12))
+    return (total.reshape(-1, 2).sum(1) - 4 * 65535) / (65536 * math.sqrt(8 / 12))
+
+
+def noise(x, sigma, shot, seed):
     wide = x.astype(np.float64)
-    return clamped((wide + np.sqrt(sigma * sigma + shot * wide) * normal.reshape(x.shape)).astype(F))
+    return clamped((wide + np.sqrt(sigma * sigma + shot * wide) * near_normal(seed, x.size).reshape(x.shape)).astype(F))
 
 
 def jpeg(x, quality):
@@ -281,3 +297,34 @@ def shadow(image, x, y, angle, half_length, half_width, softness, darkness):
     outside = np.hypot(np.maximum(along, 0), np.maximum(across, 0)) + np.minimum(np.maximum(along, across), 0)
     light = 1 - darkness * smooth_step(0.5 - outside / max(softness, 1e-9))
     return clamped(image * light.astype(F)[..., None])
+
+
+# ----------------------------------------------------------------------------- adverse changes
+def shares(x):
+    """Of the image's width and height, at its pixels."""
+    h, w = x.shape[:2]
+    return np.arange(w)[None] / max(w - 1, 1), np.arange(h)[:, None] / max(h - 1, 1)
+
+
+def haze(x, density, kx, ky, phase, light=0.85):
+    u, v = shares(x)
+    clear = np.exp(-density * 0.5 * (1 + np.sin(2 * math.pi * (kx * u + ky * v + phase)))).astype(F)[..., None]
+    return clamped(x * clear + F(light) * (1 - clear))
+
+
+def flicker(x, amount, periods, phase):
+    gain = 1 + amount * np.sin(2 * math.pi * (periods * shares(x)[1] + phase))
+    return clamped(x * gain.astype(F)[..., None])
+
+
+def banding(x, sigma, seed):
+    h, w = x.shape[:2]
+    n = sigma * near_normal(seed, w + h)
+    return clamped(x + (n[None, :w] + n[w:, None]).astype(F)[..., None])
+
+
+def tone_map(x, amount, radius):
+    h, w = x.shape[:2]
+    base = cv2.GaussianBlur(grey(x), (0, 0), max(radius * math.hypot(max(w - 1, 1), max(h - 1, 1)), 0.5),
+                            borderType=cv2.BORDER_REFLECT_101)
+    return clamped(x * np.power(0.5 / (0.05 + base.astype(np.float64)), amount).astype(F)[..., None])

@@ -163,7 +163,7 @@ TEST(Severe, ShadowDarkensItsRectangleAndNothingElse) {
   EXPECT_NEAR(out.at<float>(75, 100 + 25), 0.5, 0.01) << "half way on the edge";
 }
 
-TEST(Unseen, HazeVeilsFlickerWavesBandsAreStraightTonesAreEven) {
+TEST(Adverse, HazeVeilsFlickerWavesBandsAreStraightTonesAreEven) {
   const cv::Mat image = grey_image(101, 81, 0.25);
   const cv::Mat hazy = apply_change(Haze{1.5, 0.85, 0, 0, 0.25}, image);  // as thick as it gets, everywhere
   EXPECT_NEAR(hazy.at<float>(40, 50), 0.25 * std::exp(-1.5) + 0.85 * (1 - std::exp(-1.5)), 1e-6);
@@ -282,24 +282,56 @@ TEST(AppearanceDraw, SevereTakesHalfOfTheEightInTheirOrder) {
   for (const std::string& name : order) EXPECT_NEAR(counts[name], 200, 50) << name;
 }
 
-TEST(AppearanceDraw, UnseenIsOfItsOwnFamilyAndInNoSweep) {
-  const std::vector<std::string> family = {"haze", "flicker", "banding", "tone_map"};
-  std::map<std::string, int> counts;
-  for (int variant = 0; variant < 400; ++variant)
-    for (const Change& c : draw_changes(parse_appearance("unseen"), appearance_seed(5, "p", variant, Side::target)))
-      ++counts[to_json(c)["change"]];
-  EXPECT_EQ(counts.size(), family.size());
-  for (const std::string& name : family) EXPECT_NEAR(counts[name], 210, 50) << name;
+TEST(Unseen, CloudsDarkenDropsBlurChannelsMixEdgesHaveHalos) {
+  const cv::Mat image = texture();
+  const cv::Mat cloudy = apply_change(Clouds{0.6, 3, 5}, image);
+  double least = 1, most = 0;
+  for (int v = 0; v < image.rows; ++v)
+    for (int u = 0; u < image.cols; ++u)
+      if (const float x = image.at<cv::Vec3f>(v, u)[1]; x > 0.2f) {
+        const double light = cloudy.at<cv::Vec3f>(v, u)[1] / x;
+        least = std::min(least, light);
+        most = std::max(most, light);
+      }
+  EXPECT_NEAR(least, 0.4, 0.1);
+  EXPECT_NEAR(most, 1, 0.05);
+  const cv::Mat wet = apply_change(Droplets{0.8, 20, 5}, image);
+  EXPECT_GT(cv::norm(wet, image, cv::NORM_L1), 0);
+  EXPECT_EQ(cv::norm(apply_change(Droplets{0, 20, 5}, image), image, cv::NORM_INF), 0);
+  const cv::Mat grey(20, 30, CV_32FC3, cv::Scalar::all(0.4));
+  EXPECT_LT(cv::norm(apply_change(ChannelMix{1, 5}, grey), grey, cv::NORM_INF), 1e-6) << "grey stays grey";
+  EXPECT_GT(cv::norm(apply_change(ChannelMix{1, 5}, image), image, cv::NORM_L1), 0);
+  cv::Mat edge(20, 40, CV_32FC1, cv::Scalar(0.3));
+  edge.colRange(20, 40) = 0.6f;
+  const cv::Mat sharp = apply_change(Sharpen{2, 0.03}, edge);
+  EXPECT_LT(sharp.at<float>(10, 19), 0.25f);
+  EXPECT_GT(sharp.at<float>(10, 20), 0.65f);
+  EXPECT_NEAR(sharp.at<float>(10, 2), 0.3f, 1e-4);
+}
+
+TEST(AppearanceDraw, FamiliesTakeTheirFourAndNoSweepHasUnseen) {
+  const std::map<std::string, std::vector<std::string>> families = {
+      {"adverse", {"haze", "flicker", "banding", "tone_map"}}, {"unseen", {"clouds", "droplets", "channel_mix", "sharpen"}}};
+  for (const auto& [name, family] : families) {
+    std::map<std::string, int> counts;
+    for (int variant = 0; variant < 400; ++variant)
+      for (const Change& c : draw_changes(parse_appearance(name), appearance_seed(5, "p", variant, Side::target)))
+        ++counts[to_json(c)["change"]];
+    EXPECT_EQ(counts.size(), family.size());
+    for (const std::string& kind : family) EXPECT_NEAR(counts[kind], 210, 50) << kind;
+  }
   const auto& kinds = appearance_kinds();
   EXPECT_EQ(std::count(kinds.begin(), kinds.end(), "unseen"), 0);
+  EXPECT_EQ(std::count(kinds.begin(), kinds.end(), "adverse"), 1);
   EXPECT_EQ(to_text(parse_appearance("unseen:0.5")), "unseen:0.5");
-  expect_error([] { parse_appearance("haze:1"); }, ErrorCode::invalid_argument, {"haze"});
+  EXPECT_EQ(draw_changes(parse_appearance("haze:1"), 3).size(), 1u);
+  expect_error([] { parse_appearance("clouds:1"); }, ErrorCode::invalid_argument, {"clouds"});
 }
 
 TEST(AppearanceDraw, MoreStrengthIsMoreChange) {
   const cv::Mat image = texture();
   for (const std::string& kind : appearance_kinds()) {
-    if (kind == "severe") continue;
+    if (kind == "severe" || kind == "adverse") continue;
     const uint64_t seed = appearance_seed(3, "q", 0, Side::target);
     double before = 0;
     for (const double s : {0.05, 0.4, 1.0}) {

@@ -1,5 +1,5 @@
-"""Appearance in Python is that of iclk: jitter and the generator by the numbers of the C++ test, severe changes by numbers that
-apps/eval/appearance.cpp gave."""
+"""Appearance in Python is that of iclk: jitter and the generator by the numbers of the C++ test, the other changes by numbers
+that apps/eval/appearance.cpp gave."""
 import os
 import re
 import unittest
@@ -30,11 +30,23 @@ SEVERE = {
     'shadow': [0.419264, 0.417291, 0.421461, 0.000000, 0.052083, 0.104167, 0.739583, 0.072917, 0.416667, 0.458333, 0.083333,
                0.718750],
 }
+ADVERSE = {
+    'haze': [0.654587, 0.657641, 0.656756, 0.633087, 0.646378, 0.659669, 0.815670, 0.608397, 0.715272, 0.691221, 0.539198,
+             0.796792],
+    'flicker': [0.470440, 0.466085, 0.469251, 0.000000, 0.071897, 0.143794, 0.739583, 0.072917, 0.416667, 0.283973, 0.051631,
+                0.445321],
+    'banding': [0.511644, 0.513641, 0.512990, 0.031478, 0.083561, 0.135645, 0.741228, 0.074562, 0.418312, 0.487247, 0.112247,
+                0.747664],
+    'tone_map': [0.467998, 0.471852, 0.471768, 0.000000, 0.052232, 0.104464, 0.691330, 0.068159, 0.389482, 0.434343, 0.078971,
+                 0.681129],
+}
 PARAMETERS = {
     'exposure': dict(stops=-0.8, black=0.03), 'gamma': dict(exponent=1.7), 'vignetting': dict(fall_off=0.8),
     'flare': dict(x=0.2, y=0.3, amount=0.7, radius=0.15), 'motion_blur': dict(length=0.2, angle=0.6),
     'noise': dict(sigma=0.05, shot=0.003, seed=99), 'jpeg': dict(quality=40),
     'shadow': dict(x=0.4, y=0.6, angle=0.7, half_length=0.3, half_width=0.1, softness=0.05, darkness=0.7),
+    'haze': dict(density=1.4, kx=0.9, ky=-0.6, phase=0.2), 'flicker': dict(amount=0.4, periods=1.7, phase=0.3),
+    'banding': dict(sigma=0.03, seed=99), 'tone_map': dict(amount=0.6, radius=0.08),
 }
 
 
@@ -78,19 +90,20 @@ class Jitter(unittest.TestCase):
         np.testing.assert_allclose(noisy.reshape(-1), 0.5 + 0.1 * np.array(self.values['kNormals']), atol=1e-6)
 
 
-class Severe(unittest.TestCase):
+class Families(unittest.TestCase):
     def test_numbers_of_the_cpp_code(self):
         image = pattern()
-        for name, expected in SEVERE.items():
+        for name, expected in (SEVERE | ADVERSE).items():
             out = getattr(appearance, name)(image.copy(), **PARAMETERS[name])
             numbers = np.concatenate([out.mean((0, 1)), out[0, 0], out[7, 11], out[15, 20]])
             # Versions of libjpeg may round otherwise.
             np.testing.assert_allclose(numbers, expected, atol=0.02 if name == 'jpeg' else 3e-6, err_msg=name)
 
-    def test_severe_takes_some_of_the_eight(self):
-        counts = [len(appearance.draw_changes('severe', 1.0, seed)) for seed in range(200)]
-        self.assertGreaterEqual(min(counts), 1)
-        self.assertLess(abs(np.mean(counts) - 4), 0.5)
+    def test_each_takes_half_of_its_changes(self):
+        for family, changes in appearance.FAMILIES.items():
+            counts = [len(appearance.draw_changes(family, 1.0, seed)) for seed in range(200)]
+            self.assertGreaterEqual(min(counts), 1)
+            self.assertLess(abs(np.mean(counts) - len(changes) / 2), 0.5, family)
 
     def test_specs_are_refused_by_name(self):
         for bad in ('', 'jitter', 'jitter:x', 'jitter:2.5', 'noise:0', 'noise:nan', 'rain:1', 'clean:1'):
