@@ -35,6 +35,15 @@ constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contra
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
 
+/// A pair that is aligned in several ways needs clearer evidence, because one of them may agree by chance.
+void doubt(RefinedAlignment& r) {
+  constexpr double kAgree = 0.75;  // of the aligned features
+  if (rank(r) < 2 || r.inliers >= kAgree * r.aligned) return;
+  r.status = Status::diverged;
+  r.covariance.setZero();
+  r.reason = "less than three quarters of the aligned features agree: " + r.reason;
+}
+
 /// The mean distance of the features in image 1 by both poses, px; NaN without features.
 double distance(const Reference& reference, const SE3& a, const SE3& b) {
   double sum = 0;
@@ -248,7 +257,10 @@ std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<P
     const Changed changed(*this, std::span(pairs).subspan(first, std::min(at_once, pairs.size() - first)), true, nullptr);
     for (RefinedAlignment& r : run(look.step, changed.pairs)) answers.push_back(std::move(r));
   }
-  for (RefinedAlignment& r : answers) r.reason += "; by local contrast";
+  for (RefinedAlignment& r : answers) {
+    r.reason += "; by local contrast";
+    doubt(r);
+  }
   return answers;
 }
 
@@ -263,6 +275,7 @@ std::optional<RefinedAlignment> Cascade::align_alike(const Look& look, const Pai
                                                      const RefinedAlignment& given) {
   const Changed changed(*this, {&pair, 1}, look.local_contrast, &blur);
   RefinedAlignment answer = run(look.step, changed.pairs).front();
+  doubt(answer);
   const Reference& reference = keyframes_[static_cast<size_t>(pair.reference)].reference;
   if (rank(answer) < 2 && !refines(reference, answer, given)) return {};
   answer.blur = RefinedAlignment::Blur{blur.reference, blur.target};
