@@ -149,7 +149,7 @@ class Training(unittest.TestCase):
                                                            zip(batch['uv'][0].tolist(), batch['q'][0].tolist())))
             with torch.no_grad():
                 R, t = align(network, *losses.maps_of(network, batch), losses.camera_of(batch), batch['uv'], batch['q'],
-                             carry=float(way[1]) if way else settings['export']['carry'])
+                             carry=float(way[1].removeprefix('carry=')) if way else settings['export']['carry'])
             camera = ','.join(str(x) for x in pair['camera'])
             command = [ICLK, 'align', pair['reference'], pair['target'], '--features', features, '--camera', camera,
                        '--model', model, '--json', '--set', 'refine=no', '--set', 'search=off', *way]
