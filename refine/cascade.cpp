@@ -35,13 +35,15 @@ constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contra
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
 
-/// A pair that is aligned in several ways needs clearer evidence, because one of them may agree by chance.
+/// A pair that is aligned in several ways needs clearer evidence, because one of them may agree by chance. Blur also removes
+/// texture, so that few features speak.
 void doubt(RefinedAlignment& r) {
-  constexpr double kAgree = 0.75;  // of the aligned features
-  if (rank(r) < 2 || r.inliers >= kAgree * r.aligned) return;
+  constexpr double kOfAligned = 0.75, kOfVisible = 0.2;  // share of the features that agree
+  if (rank(r) < 2 || (r.inliers >= kOfAligned * r.aligned && r.inliers >= kOfVisible * r.visible)) return;
   r.status = Status::diverged;
   r.covariance.setZero();
-  r.reason = "less than three quarters of the aligned features agree: " + r.reason;
+  r.reason =
+      "too few features agree for a second look, which needs 75 % of the aligned and 20 % of the visible ones: " + r.reason;
 }
 
 /// The mean distance of the features in image 1 by both poses, px; NaN without features.
