@@ -38,15 +38,13 @@ TrackerOptions tracker_options(const SequenceLocatorOptions& options) {
   return tracker;
 }
 
-double mean_depth(const View& view) {
-  const auto some = std::count_if(view.depth.begin(), view.depth.end(), [](float z) { return z > 0; });
-  return std::accumulate(view.depth.begin(), view.depth.end(), 0.0) / std::max(1.0, static_cast<double>(some));
+/// The number of pixels that the map shows.
+double shown(const View& view) {
+  return static_cast<double>(std::count_if(view.depth.begin(), view.depth.end(), [](float z) { return z > 0; }));
 }
 
-/// The share of the pixels that the map shows.
-double shown(const View& view) {
-  const auto some = std::count_if(view.depth.begin(), view.depth.end(), [](float z) { return z > 0; });
-  return static_cast<double>(some) / std::max<double>(1, static_cast<double>(view.depth.size()));
+double mean_depth(const View& view) {
+  return std::accumulate(view.depth.begin(), view.depth.end(), 0.0) / std::max(1.0, shown(view));
 }
 
 }  // namespace
@@ -151,7 +149,7 @@ TrackResult SequenceLocator::Impl::track(const LocatorFrame& frame, const Locate
   TrackFrame next{frame.time, frame.image, {}, frame.mask};
   if (located.converged()) {
     view = locator.view(camera, located.T_WC);
-    if (shown(view) >= kLeastShown) next.depth = view.depth_image();
+    if (shown(view) >= kLeastShown * static_cast<double>(view.depth.size())) next.depth = view.depth_image();
     distance = mean_depth(view);
   }
   return tracker.track(next);

@@ -8,8 +8,8 @@
 
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/engine/error.h>
-#include <iclk/refine/internal/align_feature.h>
 #include <iclk/refine/internal/blur.h>
+#include <iclk/refine/internal/rounds.h>
 #include <iclk/refine/internal/uncertainty.h>
 
 namespace iclk {
@@ -46,26 +46,11 @@ void doubt(RefinedAlignment& r) {
       "too few features agree for a second look, which needs 75 % of the aligned and 20 % of the visible ones: " + r.reason;
 }
 
-/// The mean distance of the features in image 1 by both poses, px; NaN without features.
-double distance(const Reference& reference, const SE3& a, const SE3& b) {
-  double sum = 0;
-  int count = 0;
-  for (int i = 0; i < reference.features.size(); ++i) {
-    const auto at = static_cast<size_t>(i);
-    const double q = reference.features.inverse_depth[at];
-    const internal::PatchWarp first = internal::warp_patch(reference.camera, reference.features.uv[at], q, a),
-                              second = internal::warp_patch(reference.camera, reference.features.uv[at], q, b);
-    if (!(q > 0) || !first.valid || !second.valid) continue;
-    sum += (first.uv1 - second.uv1).norm();
-    ++count;
-  }
-  return sum / count;
-}
-
 /// Whether an unconfirmed answer from images that were blurred alike is a refinement of the one from the images as they are.
-bool refines(const Reference& reference, const RefinedAlignment& alike, const RefinedAlignment& given) {
-  constexpr double kNear = 5;  // px
-  return rank(alike) >= rank(given) && distance(reference, alike.T_10, given.T_10) < kNear;
+bool refines(const internal::View& view, const RefinedAlignment& alike, const RefinedAlignment& given) {
+  constexpr double kNear = 5;  // px, median over the features
+  const std::vector<double> moved = internal::motions(view, alike.T_10, given.T_10);
+  return rank(alike) >= rank(given) && !moved.empty() && moved[moved.size() / 2] < kNear;
 }
 
 /// A view of a copy of the pixels, rows packed.
@@ -278,8 +263,8 @@ std::optional<RefinedAlignment> Cascade::align_alike(const Look& look, const Pai
   const Changed changed(*this, {&pair, 1}, look.local_contrast, &blur);
   RefinedAlignment answer = run(look.step, changed.pairs).front();
   doubt(answer);
-  const Reference& reference = keyframes_[static_cast<size_t>(pair.reference)].reference;
-  if (rank(answer) < 2 && !refines(reference, answer, given)) return {};
+  const internal::View view = internal::view_of(*running_[look.step].aligner, pair.reference);
+  if (rank(answer) < 2 && !refines(view, answer, given)) return {};
   answer.blur = RefinedAlignment::Blur{blur.reference, blur.target};
   answer.reason += look.local_contrast ? "; by local contrast, both images blurred alike" : "; both images blurred alike";
   return answer;

@@ -77,11 +77,6 @@ cv::Vec3f shift_hue(const cv::Vec3f& bgr, float shift) {
   }
 }
 
-double smooth_step(double x) {
-  const double t = std::clamp(x, 0.0, 1.0);
-  return t * t * (3 - 2 * t);
-}
-
 /// Pixels of an image as shares of it.
 struct Frame {
   double w, h, diagonal;
@@ -329,6 +324,11 @@ cv::Mat changed_image(const cv::Mat& image, std::span<const Change> changes) {
 
 nlohmann::ordered_json to_json(const Change& change) {
   return std::visit([](const auto& c) { return parameters(c); }, change);
+}
+
+double smooth_step(double x) {
+  const double t = std::clamp(x, 0.0, 1.0);
+  return t * t * (3 - 2 * t);
 }
 
 uint64_t counter_word(uint64_t seed, uint64_t n) {

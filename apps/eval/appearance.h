@@ -116,6 +116,9 @@ cv::Mat changed_image(const cv::Mat& image, std::span<const Change> changes);
 /// {"change": "exposure", "stops": 1.5, "black": 0}: every parameter by its name.
 nlohmann::ordered_json to_json(const Change& change);
 
+/// 0 below 0, 1 above 1, 3 x^2 - 2 x^3 between.
+double smooth_step(double x);
+
 /// Word n of the stream `seed` of SplitMix64: its output n + 1 calls after it was seeded. Integer arithmetic modulo 2^64:
 ///   z = seed + (n + 1) 0x9E3779B97F4A7C15;  z = (z ^ z >> 30) 0xBF58476D1CE4E5B9;  z = (z ^ z >> 27) 0x94D049BB133111EB;
 ///   z ^ z >> 31

@@ -15,11 +15,6 @@ double uniform(uint64_t seed, uint64_t n) { return static_cast<double>(counter_w
 
 double diagonal(const cv::Mat& image) { return std::hypot(std::max(image.cols - 1, 1), std::max(image.rows - 1, 1)); }
 
-double smooth_step(double x) {
-  const double t = std::clamp(x, 0.0, 1.0);
-  return t * t * (3 - 2 * t);
-}
-
 /// Smooth random values in [0, 1]: uniform at the corners of a lattice.
 double lattice(uint64_t seed, double x, double y) {
   const double u = std::floor(x), v = std::floor(y), a = smooth_step(x - u), b = smooth_step(y - v);
@@ -41,7 +36,7 @@ cv::Mat clipped(cv::Mat image) {
   return image;
 }
 
-/// Calls f(row, first channel of the pixel, channels) for every pixel.
+/// Calls f(u, v, first channel of the pixel) for every pixel.
 template <typename F>
 cv::Mat each_pixel(const cv::Mat& image, F f) {
   cv::Mat out = image.clone();
