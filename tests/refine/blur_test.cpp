@@ -209,5 +209,30 @@ TEST_F(BlurredPair, KeyframesAreAsTheyWereAfterwards) {
   }
 }
 
+// Half of the aligned features agree, which is enough for a first look.
+TEST_F(BlurredPair, WrongDepthsNeedMoreThanASecondLook) {
+  Scene scene;
+  Relief& relief = scene.relief;
+  relief.depth_amplitude = 0.2;
+  Vector6d xi;
+  xi << 0.6, -0.18, 0.12, 0.01, 0.02, 0.03;
+  relief.T_10 = SE3::exp(xi);
+  scene.image0 = test::render(relief, 0);
+  scene.image1 = test::render(relief, 1);
+  scene.features = test::random_features(relief, 80);
+  scene.blur({11, 6}, Vector2d::Zero());
+  for (size_t i = 0; i < scene.features.uv.size(); ++i) {
+    const Vector2d& uv = scene.features.uv[i];
+    scene.features.inverse_depth[i] = 1 / relief.depth({319 - uv.x(), uv.y()});  // mirrored
+  }
+  Cascade::Step one = step("one");
+  one.local_contrast = true;
+  Cascade cascade({one});
+  const CascadePair mirrored = pair(scene);
+  const RefinedAlignment r = cascade.align(std::span(&mirrored, 1)).front();
+  EXPECT_FALSE(r.converged()) << r.reason;
+  EXPECT_TRUE(r.covariance.isZero(0)) << "no claim, no covariance";
+}
+
 }  // namespace
 }  // namespace iclk
