@@ -118,7 +118,8 @@ std::string PairSource::Rejected::text() const {
 PairSource::Eye::Eye(const Camera& c, const Lens& l)
     : camera(c), quick(quick_camera(c)), lens(l), rays(rays_of(c, l)), quick_rays(rays_of(quick, l)) {}
 
-PairSource::PairSource(TerrainRenderer& renderer, const PairOptions& options) : renderer_(renderer), options_(options) {
+PairSource::PairSource(TerrainRenderer& renderer, const PairOptions& options, TerrainRenderer* target)
+    : renderer_(renderer), target_(target ? *target : renderer), options_(options) {
   options_.check();
   const MapBox map = renderer.terrain().extent();
   region_ = {map.left + options_.region.left * map.width(), map.bottom + options_.region.bottom * map.height(),
@@ -212,8 +213,8 @@ RenderedPair PairSource::draw(uint64_t index) {
       quick = renderer_.render(eye.quick, T_WC, eye.lens);
       return acceptable(quick, eye.quick_rays, T_WC, nearest);
     };
-    const auto sees = [&](const Eye& eye, const SE3& T_WC, View& view) {
-      view = renderer_.render(eye.camera, T_WC, eye.lens);
+    const auto sees = [&](TerrainRenderer& renderer, const Eye& eye, const SE3& T_WC, View& view) {
+      view = renderer.render(eye.camera, T_WC, eye.lens);
       return acceptable(view, eye.rays, T_WC, nearest);
     };
     if (!glimpses(eye0, pair.T_W0)) continue;
@@ -223,7 +224,7 @@ RenderedPair PairSource::draw(uint64_t index) {
       continue;
     }
     if (!glimpses(eye1, pair.T_W1)) continue;
-    if (!sees(eye0, pair.T_W0, pair.view0) || !sees(eye1, pair.T_W1, pair.view1)) continue;
+    if (!sees(renderer_, eye0, pair.T_W0, pair.view0) || !sees(target_, eye1, pair.T_W1, pair.view1)) continue;
     return pair;
   }
   const Camera& c = options_.camera;

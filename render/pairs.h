@@ -60,8 +60,9 @@ class PairSource {
     std::string text() const;
   };
 
-  /// `renderer` must outlive it. Throws the errors of PairOptions::check(), and Error(invalid_argument) for an empty region.
-  PairSource(TerrainRenderer& renderer, const PairOptions& options);
+  /// The renderers must outlive it. `target` renders view 1, of the same ground at another date; without it, `renderer` does.
+  /// Throws the errors of PairOptions::check(), and Error(invalid_argument) for an empty region.
+  PairSource(TerrainRenderer& renderer, const PairOptions& options, TerrainRenderer* target = nullptr);
 
   /// Draws pair `index` of the set of this seed; it does not depend on earlier draws. If no pair is found, throws
   /// Error(invalid_argument) with the sizes of the field of view and of the region.
@@ -85,6 +86,7 @@ class PairSource {
   bool draw_orbit(Random& random, RenderedPair& pair) const;
 
   TerrainRenderer& renderer_;
+  TerrainRenderer& target_;
   PairOptions options_;
   MapBox region_;
   std::vector<Eye> eyes_;  ///< camera 0, and camera 1 if it differs

@@ -1,17 +1,20 @@
 #pragma once
 #include <cstdint>
+#include <optional>
 
+#include <iclk/render/date.h>
 #include <iclk/render/terrain.h>
 
 namespace iclk {
 
 struct ProceduralOptions {
   uint64_t seed = 0;
-  double size = 1024;         ///< m per side; the map begins at (0, 0)
-  double mosaic_step = 0.25;  ///< m per texel
-  double relief_step = 1;     ///< m between heights
-  double relief = 120;        ///< m between valleys and hilltops, about
-  int threads = 0;            ///< 0: one per core
+  double size = 1024;          ///< m per side; the map begins at (0, 0)
+  double mosaic_step = 0.25;   ///< m per texel
+  double relief_step = 1;      ///< m between heights
+  double relief = 120;         ///< m between valleys and hilltops, about
+  std::optional<Date> date{};  ///< none: early summer, with light but without cast shadows
+  int threads = 0;             ///< 0: one per core
 
   /// Throws Error(invalid_argument) that names the value and its range.
   void check() const;

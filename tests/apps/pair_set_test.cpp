@@ -230,6 +230,40 @@ TEST(RenderedViews, OfGeoTiffs) {
     EXPECT_NEAR(image.at<cv::Vec3b>(20, 90)[2 - c], 128 + 100 * std::sin(x / (3 + c)) * std::cos(y / 4), 8) << c;
 }
 
+TEST(PairSets, OfTwoDates) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  const std::string set = folder.path("set");
+  run(pairs(set, 1, {"--date", "summer", "--target-date", "winter:1:200,20"}));
+  run(pairs(folder.path("summer"), 1, {"--date", "summer"}));
+  run(pairs(folder.path("winter"), 1, {"--date", "winter:1:200,20"}));
+  auto files = files_of(set), summer = files_of(folder.path("summer")), winter = files_of(folder.path("winter"));
+  for (const char* file : {"images/000000_0.png", "depth/000000.tiff", "pairs.jsonl", "features/000000.csv"})
+    EXPECT_EQ(files[file], summer[file]) << file;
+  EXPECT_EQ(files["images/000000_1.png"], winter["images/000000_1.png"]);
+  EXPECT_NE(files["images/000000_1.png"], summer["images/000000_1.png"]);
+  const std::string said = run(pairs(set, 2, {"--date", "summer", "--target-date", "winter:2:200,20"}), kBadInput);
+  EXPECT_NE(said.find("target_terrain"), std::string::npos) << said;
+  EXPECT_NE(run(pairs(set, 2, {"--date", "summer"}), kBadInput).find("target_terrain"), std::string::npos);
+}
+
+TEST(PairSets, OfTwoOrthomosaics) {
+  ICLK_NEED_DEVICE();
+  const Folder folder;
+  write_plane(folder);
+  GeoTiff later{{200, 200, 1000, 5200, 1, 1}, {}, GDT_Byte};
+  for (int c = 0; c < 3; ++c) later.band([](double, double) { return 33; });
+  later.write(folder.path("later.tif"));
+  run({"render", "--ortho", folder.path("rgb.tif"), "--elevation", folder.path("dem.tif"), "--target-ortho",
+       folder.path("later.tif"), "--pairs", "1", "--altitude", "60,70", "--size", "94x60", "--out", folder.path("set")});
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(load_image(folder.path("set/images/000000_1.png")), mean, deviation);
+  EXPECT_EQ(mean[0], 33);
+  EXPECT_EQ(deviation[0], 0);
+  cv::meanStdDev(load_image(folder.path("set/images/000000_0.png")), mean, deviation);
+  EXPECT_GT(deviation[0], 20);
+}
+
 TEST(RenderedViews, BadInputHasItsCodeAndNamesTheValue) {
   const Folder folder;
   write_plane(folder);
@@ -254,6 +288,15 @@ TEST(RenderedViews, BadInputHasItsCodeAndNamesTheValue) {
   expect({"--pairs", "1", "--terrain", "procedural:1", "--start", "9,9"}, kBadInput, {"9 to 9 px"});
   expect({"--pairs", "1", "--terrain", "procedural:1", "--orbit", "9,9", "--translation", "2"}, kUsage, {"--translation"});
   expect({"--pairs", "1", "--terrain", "procedural:1", "--samples", "0"}, kBadInput, {"samples 0"});
+  const auto date = [&](const char* text) {
+    return std::vector<std::string>{"--pairs", "1", "--terrain", "procedural:1:300", "--date", text};
+  };
+  for (const char* text :
+       {"june", "winter:x", "winter:1:2", "winter:1:2,3,4", "winter:1:90,3", "winter:1:90,nan", "a:b:c:d", ":"})
+    expect(date(text), kUsage, {"--date"});
+  expect({"--pairs", "1", "--ortho", rgb, "--elevation", rgb, "--date", "snow"}, kUsage, {"--date", "--terrain"});
+  expect({"--pairs", "1", "--terrain", "procedural:1", "--target-date", "snow"}, kUsage, {"--target-date", "--date"});
+  expect({"--pose", down, "--terrain", "procedural:1", "--date", "snow", "--target-date", "snow"}, kUsage, {"--pairs"});
   expect({"--terrain", "procedural:1"}, kUsage, {});
   expect({"--pairs", "1", "--pose", down, "--terrain", "procedural:1"}, kUsage, {});
   expect({"--pairs", "0", "--terrain", "procedural:1"}, kUsage, {"--pairs"});

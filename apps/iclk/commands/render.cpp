@@ -1,4 +1,5 @@
 #include <memory>
+#include <optional>
 
 #include <spdlog/spdlog.h>
 
@@ -25,6 +26,9 @@ const char* const kRenderFooter =
     "and is turned by --rotation; --altitude is above that point. The same seed on the same device gives the same set, bit\n"
     "for bit.\n"
     "\n"
+    "--date and --target-date show procedural terrain on two dates: other leaves, crops, cars and shadows on the same ground.\n"
+    "--target-ortho does it with a second orthomosaic.\n"
+    "\n"
     "--trajectory writes a flight for `iclk track`: rgb/, depth/, rgb.txt, depth.txt, groundtruth.txt, camera.txt.\n"
     "\n"
     "--rig renders both cameras of a stereo rig. A pose or pairs are written to left/, right/, depth/ and (pairs) rig.jsonl,\n"
@@ -40,6 +44,7 @@ const char* const kRenderFooter =
     "  iclk batch set/pairs.jsonl --solver device --out set/results.jsonl\n"
     "  iclk render --terrain procedural:7 --pose '512 512 400 1 0 0 0' --out view\n"
     "  iclk render --terrain procedural:7 --pairs 2 --orbit 8,30 --start 50,200 --altitude 60,90 --out orbit\n"
+    "  iclk render --terrain procedural:7:400 --date summer --target-date snow:1 --pairs 2 --altitude 60,90 --out dates\n"
     "  iclk render --terrain procedural:7:400 --pairs 2 --distortion radtan:-0.28,0.07,0,0 --altitude 60,90 --out lens\n"
     "  iclk render --terrain procedural:7:400 --pairs 2 --altitude 60,90 --out part0 --shard 0/4   # one of four machines\n"
     "  iclk render --terrain procedural:7:400 --trajectory flight.txt --rate 10 --size 188x120 --out flight\n"
@@ -49,6 +54,13 @@ const char* const kRenderFooter =
     "  iclk render --ortho rgb.tif --elevation dem.tif --pairs 2 --region 0,0,0.7,1 --out train --size 188x120\n"
     "  iclk render --ortho rgb.tif --elevation dem.tif --pairs 2 --region 0.7,0,1,1 --out test --size 188x120 --seed 1\n"
     "\n";
+
+/// The command that makes the terrain of camera 1.
+RenderCommand as_target(RenderCommand command) {
+  if (!command.target_date.empty()) command.date = command.target_date;
+  if (!command.target_ortho.empty()) command.ortho = command.target_ortho;
+  return command;
+}
 
 void run_render(const RenderCommand& command) {
   command.render.check();
@@ -61,8 +73,13 @@ void run_render(const RenderCommand& command) {
   const auto context = open_device(command.device);
   const std::string& device = context->info().name;
   if (context->cpu_unasked()) spdlog::warn("no GPU with Vulkan found: running on the CPU device {}", device);
-  TerrainRenderer renderer(context, std::make_shared<const Terrain>(make_terrain(command)), command.render);
-  print(command.pairs > 0             ? render_pairs(command, renderer, cameras, device)
+  const auto make = [&](const RenderCommand& what) {
+    return TerrainRenderer(context, std::make_shared<const Terrain>(make_terrain(what)), command.render);
+  };
+  TerrainRenderer renderer = make(command);
+  std::optional<TerrainRenderer> target;
+  if (!command.target_date.empty() || !command.target_ortho.empty()) target.emplace(make(as_target(command)));
+  print(command.pairs > 0             ? render_pairs(command, renderer, target ? &*target : nullptr, cameras, device)
         : !command.trajectory.empty() ? render_flight(command, renderer, cameras, device)
                                       : render_view(command, renderer, cameras));
 }
@@ -70,6 +87,15 @@ void run_render(const RenderCommand& command) {
 std::string is_shard(const std::string& text) {
   try {
     parse_shard(text);
+    return "";
+  } catch (const Error& e) {
+    return e.what();
+  }
+}
+
+std::string is_date(const std::string& text) {
+  try {
+    parse_date(text);
     return "";
   } catch (const Error& e) {
     return e.what();
@@ -86,6 +112,11 @@ void add_terrain(CLI::App* sub, RenderCommand* o) {
   sub->add_option("--terrain", o->terrain,
                   "Instead of files, a procedural landscape: procedural:SEED[:METRES], METRES a side (default 1024)")
       ->check(not_empty);
+  sub->add_option("--date", o->date,
+                  "When procedural terrain is seen: SEASON[:YEAR[:AZIMUTH,ELEVATION]], a season of spring, summer, autumn, "
+                  "winter, snow; the sun casts shadows, in degrees from north and above the horizon")
+      ->needs("--terrain")
+      ->check(is_date);
   sub->add_option("--out", o->out, "Folder for the view, set or flight")->required()->type_name("DIR")->check(not_empty);
 }
 
@@ -159,6 +190,18 @@ void add_poses(CLI::App* sub, RenderCommand* o) {
       ->check(not_empty);
 }
 
+/// What camera 1 of a pair sees in another way.
+void add_target(CLI::App* sub, RenderCommand* o) {
+  sub->add_option("--target-date", o->target_date, "Camera 1 of a pair sees the terrain at this date; as --date")
+      ->needs("--pairs", "--date")
+      ->check(is_date);
+  sub->add_option("--target-ortho", o->target_ortho,
+                  "Camera 1 of a pair sees this orthomosaic, of the same place at another date; as --ortho")
+      ->needs("--pairs", "--ortho")
+      ->type_name("FILE")
+      ->check(not_empty);
+}
+
 void add_features(CLI::App* sub, RenderCommand* o) {
   sub->add_option("--region", o->region,
                   "x0,y0,x1,y1: part of the map that views may see, as fractions from the south-west corner")
@@ -189,10 +232,11 @@ void add_render(CLI::App& app, int& exit) {
   add_what(sub, o.get());
   add_cameras(sub, o.get());
   add_poses(sub, o.get());
+  add_target(sub, o.get());
   add_features(sub, o.get());
   // The second camera of a rig is where the rig has it, and pairs of a rig carry no features.
-  for (const char* option :
-       {"--translation", "--rotation", "--orbit", "--start", "--count", "--border", "--detector", "--target-depth"})
+  for (const char* option : {"--translation", "--rotation", "--orbit", "--start", "--count", "--border", "--detector",
+                             "--target-depth", "--target-date", "--target-ortho"})
     sub->get_option("--rig")->excludes(sub->get_option(option));
   sub->footer(kRenderFooter + exit_codes_help("0 done"));
   sub->callback([o, &exit] {

@@ -1,5 +1,6 @@
 #include "apps/iclk/sets/render_options.h"
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <tuple>
@@ -55,9 +56,29 @@ SE3 knock(double metres, double angle, uint64_t seed) {
   return SE3::exp(xi);
 }
 
+std::string hash_text(const Terrain& terrain) { return formatted("%016llx", static_cast<unsigned long long>(terrain.hash())); }
+
 double tilt_degrees(const RenderCommand& command) { return command.tilt.value_or(command.orbit.empty() ? 15 : 50); }
 
 }  // namespace
+
+Date parse_date(const std::string& text) {
+  const std::vector<std::string> words = split_words(text, ":");
+  static const std::vector<std::string> seasons{"spring", "summer", "autumn", "winter", "snow"};
+  const auto season = std::find(seasons.begin(), seasons.end(), words.empty() ? "" : words[0]);
+  const auto whole = [](const std::string& word) {
+    return !word.empty() && word.size() <= 18 && word.find_first_not_of("0123456789") == std::string::npos;
+  };
+  const std::vector<double> sun = words.size() == 3 ? parse_numbers(words[2], "the sun") : std::vector<double>(2);
+  if (words.size() > 3 || season == seasons.end() || (words.size() > 1 && !whole(words[1])) || sun.size() != 2)
+    refuse("'" + printable(text) +
+           "': must be SEASON[:YEAR[:AZIMUTH,ELEVATION]]: spring, summer, autumn, winter or snow; a whole number; and "
+           "where the sun stands, in degrees from north and above the horizon");
+  Date date = Date::of(static_cast<Season>(season - seasons.begin()), words.size() > 1 ? std::stoull(words[1]) : 0);
+  if (words.size() == 3) date.sun_azimuth = sun[0] * kDegree, date.sun_elevation = sun[1] * kDegree;
+  date.check();
+  return date;
+}
 
 Terrain make_terrain(const RenderCommand& command) {
   if (command.terrain.empty()) {
@@ -76,6 +97,7 @@ Terrain make_terrain(const RenderCommand& command) {
   for (size_t i = 1; i < words.size(); ++i)
     if (words[i].size() > 18 || words[i].find_first_not_of("0123456789") != std::string::npos) bad();
   ProceduralOptions options{.seed = std::stoull(words[1])};
+  if (!command.date.empty()) options.date = parse_date(command.date);
   if (words.size() == 3) options.size = std::stod(words[2]);
   return procedural_terrain(options);
 }
@@ -137,7 +159,7 @@ PairOptions pair_options(const RenderCommand& command, const RenderedCameras& ca
 Json camera_json(const Camera& c) { return {c.fx, c.fy, c.cx, c.cy, c.width, c.height}; }
 
 Json view_options(const RenderCommand& command, const RenderedCameras& cameras, const Terrain& terrain) {
-  Json options = {{"terrain", formatted("%016llx", static_cast<unsigned long long>(terrain.hash()))},
+  Json options = {{"terrain", hash_text(terrain)},
                   {"camera", camera_json(cameras.left.camera)},
                   {"samples", command.render.samples},
                   {"anisotropy", command.render.max_anisotropy}};
@@ -151,8 +173,10 @@ Json view_options(const RenderCommand& command, const RenderedCameras& cameras, 
   return options;
 }
 
-Json set_options(const RenderCommand& command, const PairOptions& p, const RenderedCameras& cameras, const Terrain& terrain) {
+Json set_options(const RenderCommand& command, const PairOptions& p, const RenderedCameras& cameras, const Terrain& terrain,
+                 const Terrain* target) {
   Json options = view_options(command, cameras, terrain);
+  if (target) options["target_terrain"] = hash_text(*target);
   options.update(Json{{"altitude", {p.altitude_min, p.altitude_max}},
                       {"tilt", tilt_degrees(command)},
                       {"nearest", p.nearest},
@@ -174,6 +198,9 @@ Json about(const RenderCommand& command, const Terrain& terrain, const std::stri
   Json text = {{"source", command.terrain.empty() ? command.ortho + ", " + command.elevation : command.terrain},
                {"map", terrain.extent().text()},
                {"device", device}};
+  if (!command.date.empty()) text["date"] = command.date;
+  if (!command.target_date.empty()) text["target_date"] = command.target_date;
+  if (!command.target_ortho.empty()) text["target_ortho"] = command.target_ortho;
   if (!command.rig.empty()) text["rig"] = command.rig;
   if (!command.trajectory.empty()) text["trajectory"] = command.trajectory;
   return text;

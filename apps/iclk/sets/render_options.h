@@ -6,6 +6,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include <iclk/render/date.h>
 #include <iclk/render/pairs.h>
 #include <iclk/session/detect.h>
 
@@ -15,7 +16,8 @@ namespace iclk {
 
 /// What `iclk render` was asked for, as text until it is checked.
 struct RenderCommand {
-  std::string terrain, ortho, elevation, out, device;
+  std::string terrain, date, ortho, elevation, out, device;
+  std::string target_date, target_ortho;  ///< of camera 1, if not as camera 0
   std::string pose, trajectory, camera, distortion, rig, shock, size;
   std::string altitude = "100,180", region = "0,0,1,1", detector = "random", orbit, start, shard = "0/1";
   int pairs = 0;
@@ -46,6 +48,9 @@ struct RenderedCameras {
   std::optional<RenderedRig> rig;
 };
 
+/// SEASON[:YEAR[:AZIMUTH,ELEVATION]], degrees. Throws Error that names the text and what it must be.
+Date parse_date(const std::string& text);
+
 /// Each throws Error that names the option or the file.
 Terrain make_terrain(const RenderCommand& command);
 RenderedCameras make_cameras(const RenderCommand& command);
@@ -53,7 +58,7 @@ PairOptions pair_options(const RenderCommand& command, const RenderedCameras& ca
 
 /// All that the bits of pairs depend on, but the device.
 nlohmann::ordered_json set_options(const RenderCommand& command, const PairOptions& options, const RenderedCameras& cameras,
-                                   const Terrain& terrain);
+                                   const Terrain& terrain, const Terrain* target);
 /// Of one terrain, cameras and renderer: what every kind of rendering depends on.
 nlohmann::ordered_json view_options(const RenderCommand& command, const RenderedCameras& cameras, const Terrain& terrain);
 /// For people: where all of it came from.
@@ -66,8 +71,9 @@ void check_flight(const RenderCommand& command);
 
 /// Of the terrain that is rendered. These write into command.out, show their progress and return what to print.
 std::string render_view(const RenderCommand& command, TerrainRenderer& renderer, const RenderedCameras& cameras);
-std::string render_pairs(const RenderCommand& command, TerrainRenderer& renderer, const RenderedCameras& cameras,
-                         const std::string& device);
+/// `target`: renders camera 1, if it sees another date; else null.
+std::string render_pairs(const RenderCommand& command, TerrainRenderer& renderer, TerrainRenderer* target,
+                         const RenderedCameras& cameras, const std::string& device);
 std::string render_flight(const RenderCommand& command, TerrainRenderer& renderer, const RenderedCameras& cameras,
                           const std::string& device);
 

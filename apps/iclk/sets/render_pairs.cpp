@@ -117,18 +117,19 @@ std::string render_view(const RenderCommand& command, TerrainRenderer& renderer,
   return "left: " + seen_text(view) + "; right: " + seen_text(right) + "; in " + command.out + "\n";
 }
 
-std::string render_pairs(const RenderCommand& command, TerrainRenderer& renderer, const RenderedCameras& cameras,
-                         const std::string& device) {
+std::string render_pairs(const RenderCommand& command, TerrainRenderer& renderer, TerrainRenderer* target,
+                         const RenderedCameras& cameras, const std::string& device) {
   const PairOptions options = pair_options(command, cameras);
   const Shard shard = parse_shard(command.shard);
-  PairSource source(renderer, options);
+  PairSource source(renderer, options, target);
   DetectorOptions detector = command.features;
   detector.detector = parse_detector(command.detector);
   detector.seed = command.pair.seed;
   detector.check();
   const bool rig = cameras.rig.has_value();
   const Terrain& terrain = renderer.terrain();
-  PairSet set(command.out, rig ? SetLayout::rig : SetLayout::pairs, set_options(command, options, cameras, terrain),
+  PairSet set(command.out, rig ? SetLayout::rig : SetLayout::pairs,
+              set_options(command, options, cameras, terrain, target ? &target->terrain() : nullptr),
               about(command, terrain, device));
   if (rig) write_calibrations(command, *cameras.rig);
   std::vector<uint64_t> todo;
