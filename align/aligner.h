@@ -37,6 +37,9 @@ struct Pair {
   /// r8, of the size of the target. Pixels that are 0 are hidden, like pixels outside the image: use it for moving objects,
   /// the own vehicle, or the border of an undistorted image. Empty: nothing is hidden. Needs Plan::target_masks.
   ImageView target_mask = {};
+  /// With `search`: T_10 is a start that was found already. The pair begins there, at the level of the search, and does not
+  /// search again. Its answer is questioned like that of any search.
+  bool found = false;
 };
 
 /// Aligns batches of pairs with SD-6DoF-ICLK. One thread at a time.

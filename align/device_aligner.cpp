@@ -270,6 +270,9 @@ void DeviceAligner::Impl::pack(const AnyPair& pair, uint32_t index, const intern
   auto& info = to[to_ids.given.value_or(to_ids.pairs)].as<shaders::PairInfo>()[index];
   info = internal::pack_pair(pair.T_10, pair.prior ? &*pair.prior : nullptr, pair.reference, index, slot.enough, options);
   info.search = pair.search;
+  if constexpr (std::is_same_v<AnyPair, Pair>)
+    if (matching && pair.search && pair.found)
+      info.search = 0, info.first_level = static_cast<uint32_t>(matching.layout().first_level);
 }
 template void DeviceAligner::Impl::pack(const Pair&, uint32_t, const internal::RunBuffers&, const engine::Workspace&) const;
 template void DeviceAligner::Impl::pack(const DevicePair&, uint32_t, const internal::RunBuffers&,

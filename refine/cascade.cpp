@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cstring>
+#include <iterator>
 #include <map>
 #include <string>
 #include <utility>
 
 #include <iclk/align/common/stopwatch.h>
+#include <iclk/align/search/gradients.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/blur.h>
 #include <iclk/refine/internal/rounds.h>
@@ -38,12 +40,12 @@ int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; 
 /// A pair that is aligned in several ways needs clearer evidence, because one of them may agree by chance. Blur also removes
 /// texture, so that few features speak.
 void doubt(RefinedAlignment& r) {
-  constexpr double kOfAligned = 0.75, kOfVisible = 0.2;  // share of the features that agree
+  constexpr double kOfAligned = 0.8, kOfVisible = 0.2;  // share of the features that agree
   if (rank(r) < 2 || (r.inliers >= kOfAligned * r.aligned && r.inliers >= kOfVisible * r.visible)) return;
   r.status = Status::diverged;
   r.covariance.setZero();
   r.reason =
-      "too few features agree for a second look, which needs 75 % of the aligned and 20 % of the visible ones: " + r.reason;
+      "too few features agree for a second look, which needs 80 % of the aligned and 20 % of the visible ones: " + r.reason;
 }
 
 /// Whether an unconfirmed answer from images that were blurred alike is a refinement of the one from the images as they are.
@@ -71,7 +73,9 @@ Cascade::Cascade(std::vector<Step> steps) : steps_(std::move(steps)), running_(s
   if (steps_.empty()) throw Error(ErrorCode::invalid_argument, "a cascade needs at least one model");
   for (size_t step = 0; step < steps_.size(); ++step) {
     looks_.push_back({step});
-    if (steps_[step].local_contrast && steps_[step].refiner) looks_.push_back({step, true});
+    if (!steps_[step].refiner) continue;
+    if (steps_[step].gradients) looks_.push_back({step, false, true});
+    if (steps_[step].local_contrast) looks_.push_back({step, true});
   }
   looks_.front().first = looks_.back().last = true;
   start(0);
@@ -235,8 +239,12 @@ class Cascade::Changed {
 
 std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<Pair>& pairs) {
   if (pairs.empty()) return {};
-  if (!look.local_contrast) return run(look.step, pairs);
   std::vector<RefinedAlignment> answers;
+  if (!look.local_contrast) {
+    answers = run(look.step, pairs);
+    if (look.gradients) std::for_each(answers.begin(), answers.end(), doubt);
+    return answers;
+  }
   const ImageView& image = pairs.front().target;
   const size_t at_once =
       std::max(size_t{1}, kMostPixels / (static_cast<size_t>(image.width) * static_cast<size_t>(image.height)));
@@ -278,19 +286,38 @@ RefinedAlignment Cascade::answer_alike(const Look& look, const Pair& pair, const
 
 RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, RefinedAlignment answer,
                                          std::optional<internal::PairBlur>& blur) {
-  if (!steps_[look.step].refiner || (look.first && !look.last)) return answer;
+  if (!steps_[look.step].refiner || (look.first && !look.last) || look.gradients) return answer;
   blur = blur_of(pair, answer);
   if (!blur || !(look.last || look.local_contrast || answer.converged())) return answer;
   std::optional<RefinedAlignment> alike = align_alike(look, pair, *blur, answer);
   return alike ? std::move(*alike) : answer;
 }
 
-std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> pairs) {
+void Cascade::find_starts(const std::vector<size_t>& left, std::vector<Pair>& pairs) const {
+  for (const size_t i : left) {
+    Pair& pair = pairs[i];
+    const Aligner& aligner = *running_.front().aligner;
+    if (!pair.search || pair.found || pair.prior || aligner.plan().dense) continue;
+    const std::optional<SE3> start = internal::start_by_gradients(keyframes_[static_cast<size_t>(pair.reference)].reference,
+                                                                  aligner.checks(pair.reference), pair, 0);
+    if (start) pair.T_10 = *start, pair.found = true;
+  }
+}
+
+std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
+  std::vector<Pair> pairs(given.begin(), given.end());
   std::vector<RefinedAlignment> results(pairs.size());
   std::vector<std::optional<internal::PairBlur>> blurs(pairs.size());
   std::vector<size_t> left(pairs.size());
   for (size_t i = 0; i < left.size(); ++i) left[i] = i;
   for (const Look& look : looks_) {
+    std::vector<size_t> skipped;
+    if (look.gradients) {
+      find_starts(left, pairs);
+      std::partition_copy(left.begin(), left.end(), std::back_inserter(skipped), left.begin(),
+                          [&](size_t i) { return !pairs[i].found; });
+      left.resize(left.size() - skipped.size());
+    }
     std::vector<Pair> work;
     for (const size_t i : left)
       if (!blurs[i]) work.push_back(pairs[i]);
@@ -303,12 +330,16 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> pairs) {
           blurs[i] ? answer_alike(look, pairs[i], *blurs[i], r) : look_past_blur(look, pairs[i], std::move(*next++), blurs[i]);
       answer.model = steps_[look.step].model;
       std::vector<Attempt> attempts = std::move(r.attempts);
-      attempts.push_back({answer.model + (look.local_contrast ? ", local contrast" : ""), answer.status, answer.reason});
+      attempts.push_back({answer.model + (look.local_contrast ? ", local contrast"
+                                          : look.gradients    ? ", gradients"
+                                                              : ""),
+                          answer.status, answer.reason});
       const bool settled = answer.converged() || answer.status == Status::ambiguous;
       if (settled || answer.inliers >= r.inliers) r = std::move(answer);
       r.attempts = std::move(attempts);
       if (!settled) unsettled.push_back(i);
     }
+    unsettled.insert(unsettled.end(), skipped.begin(), skipped.end());
     left = std::move(unsettled);
   }
   return results;

@@ -46,6 +46,9 @@ class Cascade {
     std::optional<RefinerOptions> refiner;  ///< empty: no refinement, the answer is the pose of ICLK
     /// Pairs that do not converge are aligned a second time, with the local contrast of both images made even.
     bool local_contrast = false;
+    /// Before that, they are aligned from a start that the directions of gradients give (Pair::found), if they have one. Later
+    /// steps begin there too. Needs AlignerOptions::search.
+    bool gradients = false;
   };
   /// Sums over the constructor and all calls of align(), ms.
   struct Times {
@@ -83,10 +86,11 @@ class Cascade {
     std::unique_ptr<Refiner> refiner;
     std::vector<uint64_t> prepared;  ///< for each slot, the Keyframe::version that the aligner has
   };
-  /// A step, with the images as they are or with even local contrast.
+  /// A step, with the images as they are or with even local contrast. The look by gradients is only for pairs with such a
+  /// start.
   struct Look {
     size_t step = 0;
-    bool local_contrast = false;
+    bool local_contrast = false, gradients = false;
     bool first = false, last = false;
   };
   class Changed;
@@ -95,6 +99,8 @@ class Cascade {
   std::vector<RefinedAlignment> run(size_t step, const std::vector<Pair>& pairs);
   std::vector<RefinedAlignment> run(const Look& look, const std::vector<Pair>& pairs);
   std::vector<RefinedAlignment> settle(std::span<const Pair> pairs);
+  /// Begins pairs that the first look left at a start by gradients, if they have one.
+  void find_starts(const std::vector<size_t>& left, std::vector<Pair>& pairs) const;
   void look_past_overlay(const Pair& pair, RefinedAlignment& result);
   /// The unequal blur of a pair without a confirmed answer, found at the pose of that answer.
   std::optional<internal::PairBlur> blur_of(const Pair& pair, const RefinedAlignment& given) const;

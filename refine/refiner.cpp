@@ -127,6 +127,8 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const PoseCandidat
     const Pair& pair = pairs[all[k].answer.pair];
     all[k].elsewhere =
         internal::look_elsewhere(view(all[k]), options_, aligner_.grey(pair.reference), pair, *all[k].answer.result);
+    // A start that grey values did not find may be that of an object that passes a camera that stands still.
+    if (pair.found) all[k].elsewhere.poses.emplace_back();
   });
   std::vector<PoseCandidate> rivals = rivals_of(all);
   internal::run_rounds(aligner_, *feature_aligner_, options_, pairs, rivals);

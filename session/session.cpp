@@ -97,7 +97,8 @@ std::unique_ptr<Cascade> Session::make_cascade(const Needs& needs) {
     };
     RefinerOptions refiner = options_.refiner;
     refiner.keep_unconfirmed = stage.model != nullptr;
-    steps.push_back({name, make, options_.refine ? std::optional(refiner) : std::nullopt, stage.model == nullptr});
+    steps.push_back({name, make, options_.refine ? std::optional(refiner) : std::nullopt, stage.model == nullptr,
+                     stage.model == nullptr && stage.aligner.search});
   }
   return std::make_unique<Cascade>(std::move(steps));
 }

@@ -109,7 +109,9 @@ Alignment CpuAligner::align_one(const Keyframe& keyframe, const Pyramid& f1, con
   Map weight;  // of the M-estimator, from the previous level
   internal::Agreement agreement;
   internal::MatchedStart matched;
-  if (match_ && pair.search)
+  if (match_ && pair.search && pair.found)
+    matched.T_10 = pair.T_10;
+  else if (match_ && pair.search)
     matched = internal::matched_start(keyframe.match, internal::match_map(grey1, *match_), keyframe.features, keyframe.checks,
                                       keyframe.camera, keyframe.mean_inverse_depth, *match_);
   const int first_level = matched.T_10 ? match_->first_level : options_.levels - 1;

@@ -112,6 +112,7 @@ struct DeviceAligner::Impl::HostRun {
     m.submit();
     for (size_t i = 0; i < pairs.size(); ++i) {
       if (!searched(i)) continue;
+      if (pairs[i].found) first_level[i] = m.matching.layout().first_level;
       repeats[i] = infos[i].repeats;
       if (infos[i].matched == 0) continue;
       lm[i] = iteration(i, internal::unpack_pose(infos[i].pose));

@@ -145,6 +145,14 @@ MatchLayout::MatchLayout(const Plan& plan, const AlignerOptions& options) {
   first_level = std::min(static_cast<int>(std::lround(std::log2(scale))), options.levels - 1);
 }
 
+MatchLayout match_layout(const Camera& camera) {
+  AlignerOptions options;
+  options.search = true;
+  Plan plan{camera.width, camera.height};
+  plan.max_features = ICLK_MATCH_FEATURES;
+  return MatchLayout(plan, options);
+}
+
 int matched_feature(int match, int count) {
   return static_cast<int>(static_cast<float>(match) *
                           std::max(1.0f, static_cast<float>(count) / static_cast<float>(ICLK_MATCH_FEATURES)));

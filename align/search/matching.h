@@ -29,6 +29,9 @@ struct MatchLayout {
   int tiles() const { return tiles_x * tiles_y; }
 };
 
+/// The layout for images of a camera.
+MatchLayout match_layout(const Camera& camera);
+
 /// The index of the feature that is matched as number `match`; shaders/search/match_features.glsl.
 int matched_feature(int match, int count);
 

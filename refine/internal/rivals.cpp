@@ -156,21 +156,13 @@ double support(const std::vector<Sought>& sought, const PlaceDescriptors& places
   return static_cast<double>(pose) / std::max(answer, 1);
 }
 
-MatchLayout layout_for(const Camera& camera) {
-  AlignerOptions options;
-  options.search = true;
-  Plan plan{camera.width, camera.height};
-  plan.max_features = ICLK_MATCH_FEATURES;
-  return MatchLayout(plan, options);
-}
-
 }  // namespace
 
 Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& camera, const Features& features,
                          std::span<const FeatureCheck> checks, const SE3& T_10, const std::vector<bool>& agree,
                          double explained, int most) {
   Elsewhere out;
-  const MatchLayout layout = layout_for(camera);
+  const MatchLayout layout = match_layout(camera);
   if (!layout.enabled || reference.data.empty()) return out;
   Pyramid target = {grey_map(pair.target)};
   hide(target, pair.target_mask);

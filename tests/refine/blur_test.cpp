@@ -226,7 +226,7 @@ TEST_F(BlurredPair, WrongDepthsNeedMoreThanASecondLook) {
     scene.features.inverse_depth[i] = 1 / relief.depth({319 - uv.x(), uv.y()});  // mirrored
   }
   Cascade::Step one = step("one");
-  one.local_contrast = true;
+  one.local_contrast = one.gradients = true;
   Cascade cascade({one});
   const CascadePair mirrored = pair(scene);
   const RefinedAlignment r = cascade.align(std::span(&mirrored, 1)).front();

@@ -1,0 +1,199 @@
+#include <iclk/align/search/gradients.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include <iclk/align/common/each.h>
+#include <iclk/align/common/input.h>
+
+namespace iclk::internal {
+namespace {
+
+using Eigen::Vector2d;
+
+constexpr int kDirections = Gradients::kDirections, kSide = Gradients::kSide, kNumbers = Gradients::kNumbers;
+constexpr int kCell = 3;                              // pixels of the map
+constexpr int kStep = 2;                              // pixels of the map between the places that are compared first
+constexpr double kReach = 0.5 * (kSide - 1) * kCell;  // from the middle of a patch to that of its last cells
+constexpr int kApart = 16;                            // pixels of the map; nearer places belong to one peak
+constexpr int kHypotheses = 1024;
+constexpr double kShare = 0.08;      // of the correspondences, which must agree with a start
+constexpr float kLeastNorm = 1e-3f;  // of a descriptor with texture
+using Basis = Eigen::Matrix<float, kNumbers, kSide * kSide * kDirections>;
+
+/// Cosines over both sides of the patch, Fourier series over the directions: the products of the lowest frequencies but the
+/// mean. As in MatchDescriptor, each is weighted by the root of its frequency.
+Basis make_basis() {
+  const auto side = [](int frequency, int at) {
+    return std::sqrt((frequency == 0 ? 1.0 : 2.0) / kSide) * std::cos(M_PI * (at + 0.5) * frequency / kSide);
+  };
+  // 1, cos, sin, cos 2, sin 2, cos 3, sin 3, cos 4
+  const auto turn = [](int number, int at) {
+    const double angle = 2 * M_PI * at / kDirections * ((number + 1) / 2), norm = number == 0 || number == 7 ? 1.0 : 2.0;
+    return std::sqrt(norm / kDirections) * (number % 2 == 1 ? std::cos(angle) : number == 0 ? 1.0 : std::sin(angle));
+  };
+  struct Wave {
+    int squared, i, j, number;
+  };
+  std::vector<Wave> waves;
+  for (int i = 0; i < kSide; ++i)
+    for (int j = 0; j < kSide; ++j)
+      for (int n = 0; n < kDirections; ++n) waves.push_back({i * i + j * j + (n + 1) / 2 * ((n + 1) / 2), i, j, n});
+  std::stable_sort(waves.begin(), waves.end(), [](const Wave& a, const Wave& b) { return a.squared < b.squared; });
+  Basis basis;
+  for (int row = 0; row < kNumbers; ++row) {
+    const Wave& w = waves[static_cast<size_t>(row + 1)];  // the first one is the mean
+    for (int k = 0; k < basis.cols(); ++k)
+      basis(row, k) = static_cast<float>(std::pow(w.squared, 0.25) * side(w.i, k / (kSide * kDirections)) *
+                                         side(w.j, k / kDirections % kSide) * turn(w.number, k % kDirections));
+  }
+  return basis;
+}
+
+/// The gradient of a pixel, shared between the directions: about linearly between the two nearest ones.
+Eigen::Array<float, kDirections, 1> by_direction(float gu, float gv) {
+  static const Eigen::Matrix<float, kDirections, 2> directions = [] {
+    Eigen::Matrix<float, kDirections, 2> d;
+    for (int k = 0; k < kDirections; ++k)
+      d.row(k) << std::cos(2 * static_cast<float>(M_PI) * k / kDirections),
+          std::sin(2 * static_cast<float>(M_PI) * k / kDirections);
+    return d;
+  }();
+  const float squared = gu * gu + gv * gv;
+  if (!(squared > 0)) return Eigen::Array<float, kDirections, 1>::Zero();  // also NaN
+  const Eigen::Array<float, kDirections, 1> along = (directions.col(0) * gu + directions.col(1) * gv).array().max(0.0f);
+  return (along.square() / squared).square().square() * std::sqrt(squared);
+}
+
+float peak(float before, float here, float after) {
+  const float bend = before - 2 * here + after;
+  return bend < 0 ? std::clamp(0.5f * (before - after) / bend, -0.5f, 0.5f) : 0;
+}
+
+std::vector<Vector2d> places(const Gradients& target, int step) {
+  std::vector<Vector2d> all;
+  for (double v = kReach; v <= target.height() - 1 - kReach; v += step)
+    for (double u = kReach; u <= target.width() - 1 - kReach; u += step) all.emplace_back(u, v);
+  return all;
+}
+
+/// The best of the places, and how much better it is than those elsewhere.
+std::pair<size_t, float> best_place(const Eigen::Ref<const Eigen::VectorXf>& scores, const std::vector<Vector2d>& at) {
+  Eigen::Index best = 0;
+  const float most = scores.maxCoeff(&best);
+  float next = 0;
+  for (Eigen::Index k = 0; k < scores.size(); ++k)
+    if (scores[k] > next && (at[static_cast<size_t>(k)] - at[static_cast<size_t>(best)]).lpNorm<Eigen::Infinity>() > kApart)
+      next = scores[k];
+  return {static_cast<size_t>(best), most - next};
+}
+
+/// The best position near a place, to a fraction of a pixel of the map.
+Vector2d refined(const Gradients& target, const Eigen::Matrix<float, kNumbers, 1>& descriptor, const Vector2d& place) {
+  constexpr int kWide = 2 * kStep + 1;
+  std::vector<Vector2d> near;
+  for (int v = -kStep; v <= kStep; ++v)
+    for (int u = -kStep; u <= kStep; ++u) near.push_back(place + Vector2d(u, v));
+  const Eigen::VectorXf scores = target.describe(near).transpose() * descriptor;
+  Eigen::Index best = 0;
+  scores.maxCoeff(&best);
+  Vector2d at = near[static_cast<size_t>(best)];
+  const Eigen::Index u = best % kWide, v = best / kWide;
+  if (u > 0 && u < kWide - 1) at.x() += peak(scores[best - 1], scores[best], scores[best + 1]);
+  if (v > 0 && v < kWide - 1) at.y() += peak(scores[best - kWide], scores[best], scores[best + kWide]);
+  return at;
+}
+
+}  // namespace
+
+Gradients::Gradients(const Map& grey, int scale, int threads)
+    : width_(grey.width / scale), height_(grey.height / scale), cells_(kDirections, width_ * height_) {
+  Cells sums(kDirections, width_ * height_);
+  for_each_of(static_cast<size_t>(height_), threads, [&](size_t row) {
+    for (int u = 0; u < width_; ++u) {
+      auto sum = sums.col(static_cast<Eigen::Index>(row) * width_ + u);
+      sum.setZero();
+      for (int y = static_cast<int>(row) * scale; y < (static_cast<int>(row) + 1) * scale; ++y)
+        for (int x = u * scale; x < (u + 1) * scale; ++x) {
+          if (x == 0 || y == 0 || x == grey.width - 1 || y == grey.height - 1) continue;
+          sum += by_direction(grey.at(x + 1, y) - grey.at(x - 1, y), grey.at(x, y + 1) - grey.at(x, y - 1));
+        }
+    }
+  });
+  for_each_of(static_cast<size_t>(height_), threads, [&](size_t row) {
+    for (int u = 0; u < width_; ++u) {
+      Eigen::Array<float, kDirections, 1> sum = Eigen::Array<float, kDirections, 1>::Zero();
+      for (int y = -1; y <= 1; ++y)
+        for (int x = -1; x <= 1; ++x)
+          sum += sums.col(std::clamp(static_cast<int>(row) + y, 0, height_ - 1) * width_ + std::clamp(u + x, 0, width_ - 1));
+      cells_.col(static_cast<Eigen::Index>(row) * width_ + u) =
+          (sum / static_cast<float>(kCell * kCell * scale * scale)).sqrt();
+    }
+  });
+}
+
+Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres) const {
+  static const Basis basis = make_basis();
+  Eigen::Matrix<float, kSide * kSide * kDirections, Eigen::Dynamic> patches(kSide * kSide * kDirections, centres.size());
+  for (size_t k = 0; k < centres.size(); ++k)
+    for (int cell = 0; cell < kSide * kSide; ++cell) {
+      const double u = std::clamp(centres[k].x() - kReach + kCell * (cell % kSide), 0.0, width_ - 1.0);
+      const double v = std::clamp(centres[k].y() - kReach + kCell * (cell / kSide), 0.0, height_ - 1.0);
+      const int x = std::min(static_cast<int>(u), width_ - 2), y = std::min(static_cast<int>(v), height_ - 2);
+      const auto a = static_cast<float>(u - x), b = static_cast<float>(v - y);
+      const Eigen::Index first = y * width_ + x;
+      patches.col(static_cast<Eigen::Index>(k)).segment<kDirections>(cell * kDirections) =
+          (1 - b) * ((1 - a) * cells_.col(first) + a * cells_.col(first + 1)) +
+          b * ((1 - a) * cells_.col(first + width_) + a * cells_.col(first + width_ + 1));
+    }
+  Descriptors out = basis * patches;
+  const Eigen::ArrayXf norms = out.colwise().norm().transpose();
+  for (Eigen::Index k = 0; k < out.cols(); ++k) out.col(k) *= norms[k] > kLeastNorm ? 1 / norms[k] : 0.0f;
+  return out;
+}
+
+std::vector<Correspondence> gradient_correspondences(const Gradients& reference, const Gradients& target,
+                                                     const Features& features, std::span<const FeatureCheck> checks,
+                                                     const Camera& camera, double mean_inverse_depth,
+                                                     const MatchLayout& layout) {
+  std::vector<size_t> used;
+  std::vector<Vector2d> centres;
+  for (int match = 0; match < std::min(features.size(), layout.features); ++match) {
+    const auto i = static_cast<size_t>(matched_feature(match, features.size()));
+    if (checks[i] != FeatureCheck::ok) continue;
+    used.push_back(i);
+    centres.emplace_back((features.uv[i].array() + 0.5) / layout.scale - 0.5);
+  }
+  const std::vector<Vector2d> at = places(target, kStep);
+  std::vector<Correspondence> found;
+  if (used.empty() || at.empty()) return found;
+  const Gradients::Descriptors sought = reference.describe(centres), all = target.describe(at);
+  const Eigen::MatrixXf scores = all.transpose() * sought;
+  for (size_t k = 0; k < used.size(); ++k) {
+    const auto column = static_cast<Eigen::Index>(k);
+    const auto [best, distinct] = best_place(scores.col(column), at);
+    if (!(scores(static_cast<Eigen::Index>(best), column) > 0)) continue;
+    const Vector2d place = refined(target, sought.col(column), at[best]);
+    const Eigen::Vector3d point = camera.ray(features.uv[used[k]]) * (mean_inverse_depth / features.inverse_depth[used[k]]);
+    found.push_back({point, (place.array() + 0.5) * layout.scale - 0.5, distinct});
+  }
+  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
+  return found;
+}
+
+std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
+                                      int threads) {
+  const Camera& camera = reference.camera;
+  const MatchLayout layout = match_layout(camera);
+  if (!layout.enabled) return {};
+  Pyramid target = {grey_map(pair.target)};
+  hide(target, pair.target_mask);
+  const double mean_q = mean_inverse_depth(reference, checks, false);
+  if (!(mean_q > 0)) return {};
+  const auto all =
+      gradient_correspondences(Gradients(grey_map(reference.image), layout.scale, threads),
+                               Gradients(target[0], layout.scale, threads), reference.features, checks, camera, mean_q, layout);
+  return pose_of(all, camera, mean_q, layout, kHypotheses, kShare);
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,47 @@
+#pragma once
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <iclk/align/aligner.h>
+#include <iclk/align/features.h>
+#include <iclk/align/pyramid.h>
+#include <iclk/align/search/matching.h>
+
+namespace iclk::internal {
+
+/// The directions of the gradients in an image: histograms over small cells, as SIFT has them. They survive what grey values
+/// do not: other leaves, crops, snow and light change how bright ground is, but not where it ends.
+class Gradients {
+ public:
+  static constexpr int kDirections = 8, kSide = 4, kNumbers = 64;
+  /// Descriptors, one per column: 64 cosines of 4x4 cells of 8 directions, normalised. Zero without texture.
+  using Descriptors = Eigen::Matrix<float, kNumbers, Eigen::Dynamic>;
+
+  /// Cells are `kCell` squares of `scale` x `scale` pixels wide. NaN pixels have no gradient.
+  Gradients(const Map& grey, int scale, int threads);
+
+  int width() const { return width_; }
+  int height() const { return height_; }
+  /// Of patches around positions in the map, in pixels of the map. Cells beyond its border repeat.
+  Descriptors describe(const std::vector<Eigen::Vector2d>& centres) const;
+
+ private:
+  /// The square root of the mean gradients in each direction, of the cell around a pixel of the map.
+  using Cells = Eigen::Array<float, kDirections, Eigen::Dynamic>;
+  int width_ = 0, height_ = 0;
+  Cells cells_;
+};
+
+/// correspondences() by gradients, with upright patches.
+std::vector<Correspondence> gradient_correspondences(const Gradients& reference, const Gradients& target,
+                                                     const Features& features, std::span<const FeatureCheck> checks,
+                                                     const Camera& camera, double mean_inverse_depth,
+                                                     const MatchLayout& layout);
+
+/// The start of a pair by gradient_correspondences(), if enough of them agree. It does not use the pair's first guess.
+/// Precondition: the images of the reference and the pair have the size of the reference's camera.
+std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
+                                      int threads);
+
+}  // namespace iclk::internal
