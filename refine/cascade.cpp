@@ -293,13 +293,13 @@ RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, Ref
   return alike ? std::move(*alike) : answer;
 }
 
-void Cascade::find_starts(const std::vector<size_t>& left, std::vector<Pair>& pairs) const {
+void Cascade::find_starts(const std::vector<size_t>& left, int threads, std::vector<Pair>& pairs) const {
   for (const size_t i : left) {
     Pair& pair = pairs[i];
     const Aligner& aligner = *running_.front().aligner;
     if (!pair.search || pair.found || pair.prior || aligner.plan().dense) continue;
     const std::optional<SE3> start = internal::start_by_gradients(keyframes_[static_cast<size_t>(pair.reference)].reference,
-                                                                  aligner.checks(pair.reference), pair, 0);
+                                                                  aligner.checks(pair.reference), pair, threads);
     if (start) pair.T_10 = *start, pair.found = true;
   }
 }
@@ -313,7 +313,7 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
   for (const Look& look : looks_) {
     std::vector<size_t> skipped;
     if (look.gradients) {
-      find_starts(left, pairs);
+      find_starts(left, steps_[look.step].refiner->threads, pairs);
       std::partition_copy(left.begin(), left.end(), std::back_inserter(skipped), left.begin(),
                           [&](size_t i) { return !pairs[i].found; });
       left.resize(left.size() - skipped.size());

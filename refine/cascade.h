@@ -100,7 +100,7 @@ class Cascade {
   std::vector<RefinedAlignment> run(const Look& look, const std::vector<Pair>& pairs);
   std::vector<RefinedAlignment> settle(std::span<const Pair> pairs);
   /// Begins pairs that the first look left at a start by gradients, if they have one.
-  void find_starts(const std::vector<size_t>& left, std::vector<Pair>& pairs) const;
+  void find_starts(const std::vector<size_t>& left, int threads, std::vector<Pair>& pairs) const;
   void look_past_overlay(const Pair& pair, RefinedAlignment& result);
   /// The unequal blur of a pair without a confirmed answer, found at the pose of that answer.
   std::optional<internal::PairBlur> blur_of(const Pair& pair, const RefinedAlignment& given) const;

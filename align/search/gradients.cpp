@@ -147,8 +147,13 @@ Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres)
           b * ((1 - a) * cells_.col(first + width_) + a * cells_.col(first + width_ + 1));
     }
   Descriptors out = basis * patches;
-  const Eigen::ArrayXf norms = out.colwise().norm().transpose();
-  for (Eigen::Index k = 0; k < out.cols(); ++k) out.col(k) *= norms[k] > kLeastNorm ? 1 / norms[k] : 0.0f;
+  for (auto column : out.colwise()) {
+    const float norm = column.norm();
+    if (norm > kLeastNorm)
+      column /= norm;
+    else
+      column.setZero();  // also NaN
+  }
   return out;
 }
 

@@ -60,6 +60,11 @@ TEST(Gradients, NothingIsFoundWhereNothingIs) {
   const Frame flat{320, 240, std::vector<float>(320 * 240, 0.5f)}, nan{320, 240, std::vector<float>(320 * 240, NAN)};
   EXPECT_FALSE(s.start({0, flat.view()}));
   EXPECT_FALSE(s.start({0, nan.view()}));
+  Frame one_infinite = s.image1;
+  one_infinite.at(160, 120) = INFINITY;
+  const auto beside_it = s.start({0, one_infinite.view()});
+  ASSERT_TRUE(beside_it) << "one pixel spoils its own cells alone";
+  EXPECT_LT(pixel_error(s.scene, s.features, *beside_it), 4);
   std::vector<uint8_t> hidden(320 * 240, 0);
   Pair masked{0, s.image1.view()};
   masked.target_mask = {hidden.data(), 320, 240, 0, PixelFormat::r8};
