@@ -65,11 +65,6 @@ Eigen::Array<float, kDirections, 1> by_direction(float gu, float gv) {
   return (along.square() / squared).square().square() * std::sqrt(squared);
 }
 
-float peak(float before, float here, float after) {
-  const float bend = before - 2 * here + after;
-  return bend < 0 ? std::clamp(0.5f * (before - after) / bend, -0.5f, 0.5f) : 0;
-}
-
 std::vector<Vector2d> places(const Gradients& target, int step) {
   std::vector<Vector2d> all;
   for (double v = kReach; v <= target.height() - 1 - kReach; v += step)

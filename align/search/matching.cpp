@@ -47,11 +47,6 @@ uint32_t hash(uint32_t x) {  // PCG, as in shaders/search/hypothesise.comp
   return (x >> 22) ^ x;
 }
 
-double peak(float before, float here, float after) {
-  const float bend = before - 2 * here + after;
-  return bend < 0 ? std::clamp(0.5f * (before - after) / bend, -0.5f, 0.5f) : 0;
-}
-
 // The costs of poses for correspondences; shaders/search/match_cost.glsl.
 class Agreeing {
  public:
@@ -143,6 +138,11 @@ MatchLayout::MatchLayout(const Plan& plan, const AlignerOptions& options) {
   tiles_y = (places_y + ICLK_MATCH_TILE - 1) / ICLK_MATCH_TILE;
   features = std::min(plan.max_features, ICLK_MATCH_FEATURES);
   first_level = std::min(static_cast<int>(std::lround(std::log2(scale))), options.levels - 1);
+}
+
+double peak(float before, float here, float after) {
+  const float bend = before - 2 * here + after;
+  return bend < 0 ? std::clamp(0.5f * (before - after) / bend, -0.5f, 0.5f) : 0;
 }
 
 MatchLayout match_layout(const Camera& camera) {

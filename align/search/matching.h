@@ -32,6 +32,9 @@ struct MatchLayout {
 /// The layout for images of a camera.
 MatchLayout match_layout(const Camera& camera);
 
+/// Where the parabola through three neighbours is largest: from the one in the middle, -0.5 to 0.5.
+double peak(float before, float here, float after);
+
 /// The index of the feature that is matched as number `match`; shaders/search/match_features.glsl.
 int matched_feature(int match, int count);
 

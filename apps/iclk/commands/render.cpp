@@ -84,22 +84,17 @@ void run_render(const RenderCommand& command) {
                                       : render_view(command, renderer, cameras));
 }
 
-std::string is_shard(const std::string& text) {
-  try {
-    parse_shard(text);
-    return "";
-  } catch (const Error& e) {
-    return e.what();
-  }
-}
-
-std::string is_date(const std::string& text) {
-  try {
-    parse_date(text);
-    return "";
-  } catch (const Error& e) {
-    return e.what();
-  }
+/// A check of an option: what the function that parses it refuses.
+template <class Parse>
+auto takes(Parse parse) {
+  return [parse](const std::string& text) -> std::string {
+    try {
+      parse(text);
+      return "";
+    } catch (const Error& e) {
+      return e.what();
+    }
+  };
 }
 
 void add_terrain(CLI::App* sub, RenderCommand* o) {
@@ -116,7 +111,7 @@ void add_terrain(CLI::App* sub, RenderCommand* o) {
                   "When procedural terrain is seen: SEASON[:YEAR[:AZIMUTH,ELEVATION]], a season of spring, summer, autumn, "
                   "winter, snow; the sun casts shadows, in degrees from north and above the horizon")
       ->needs("--terrain")
-      ->check(is_date);
+      ->check(takes(parse_date));
   sub->add_option("--out", o->out, "Folder for the view, set or flight")->required()->type_name("DIR")->check(not_empty);
 }
 
@@ -146,7 +141,7 @@ void add_what(CLI::App* sub, RenderCommand* o) {
          "k/n: only every n-th pair or frame, starting with the k-th (from 0, k < n); shards that run at the same time need "
          "different --out")
       ->capture_default_str()
-      ->check(is_shard);
+      ->check(takes(parse_shard));
 }
 
 void add_cameras(CLI::App* sub, RenderCommand* o) {
@@ -194,7 +189,7 @@ void add_poses(CLI::App* sub, RenderCommand* o) {
 void add_target(CLI::App* sub, RenderCommand* o) {
   sub->add_option("--target-date", o->target_date, "Camera 1 of a pair sees the terrain at this date; as --date")
       ->needs("--pairs", "--date")
-      ->check(is_date);
+      ->check(takes(parse_date));
   sub->add_option("--target-ortho", o->target_ortho,
                   "Camera 1 of a pair sees this orthomosaic, of the same place at another date; as --ortho")
       ->needs("--pairs", "--ortho")

@@ -5,6 +5,8 @@
 
 #include <opencv2/core/utility.hpp>
 
+#include <iclk/render/internal/noise.h>
+
 namespace iclk {
 namespace {
 
@@ -12,25 +14,8 @@ constexpr double kGround = 2.0;    // m from camera 0
 constexpr double kHighest = 0.45;  // m above ground, a bound
 constexpr double kLowest = -0.05;
 
-uint32_t hash(int x, int y, uint32_t salt) {
-  uint32_t h = static_cast<uint32_t>(x) * 0x9E3779B1u ^ static_cast<uint32_t>(y) * 0x85EBCA77u ^ salt * 0xC2B2AE3Du;
-  h = (h ^ (h >> 15)) * 0x2C1B3C6Du;
-  h = (h ^ (h >> 12)) * 0x297A2D39u;
-  return h ^ (h >> 15);
-}
-
-double unit(int x, int y, uint32_t salt) { return hash(x, y, salt) * (1.0 / 4294967296.0); }
-
-/// Value noise in [0, 1] with cells of side 1, smooth.
-double noise(double x, double y, uint32_t salt) {
-  const double fx = std::floor(x), fy = std::floor(y);
-  const int ix = static_cast<int>(fx), iy = static_cast<int>(fy);
-  const auto smooth = [](double t) { return t * t * t * (t * (6 * t - 15) + 10); };
-  const double a = smooth(x - fx), b = smooth(y - fy);
-  const double top = unit(ix, iy, salt) * (1 - a) + unit(ix + 1, iy, salt) * a;
-  const double bottom = unit(ix, iy + 1, salt) * (1 - a) + unit(ix + 1, iy + 1, salt) * a;
-  return top * (1 - b) + bottom * b;
-}
+using internal::noise;
+using internal::unit;
 
 /// Noise of several scales, about in [0, 1].
 double turbulence(double x, double y, double cell, int octaves, uint32_t salt) {
