@@ -10,7 +10,7 @@
 #include <iclk/align/pyramid.h>
 #include <iclk/engine/error.h>
 #include <iclk/locate/internal/hypotheses.h>
-#include <iclk/locate/internal/map_errors.h>
+#include <iclk/locate/internal/map_fit.h>
 #include <iclk/locate/internal/map_window.h>
 #include <iclk/render/renderer.h>
 #include <iclk/session/session.h>
@@ -21,31 +21,18 @@ namespace {
 constexpr size_t kBatch = 16;         // views that are compared at a time
 constexpr int kFewestFeatures = 20;   // of a view that is worth comparing
 constexpr double kAnotherPlace = 16;  // px: poses that differ by more are two
-// Of the width, by which a view looks past the pose: what is fixed to the camera stays, the ground does not.
-constexpr double kAside = 0.0375;
-constexpr int kSmallest = 160;       // px: width of the pictures that are aligned, at least
-constexpr double kInlier = 1.5;      // px; features that do not confirm a pose are off by as much
-constexpr double kLeastSigma = 0.2;  // px: of a feature's position
-constexpr double kSettled = 6;       // squared step, normalised by the covariance
-constexpr double kSlope = 0.25;      // heights this many steps apart move pixels on the ground by as much
-constexpr double kMapSigma = 1;      // px: of features' positions, at the level of the map
-constexpr double kRivalShare = 0.5;  // of the answer's inliers: as many make another place a rival
+constexpr int kSmallest = 160;        // px: width of the pictures that are aligned, at least
+constexpr double kSlope = 0.25;       // heights this many steps apart move pixels on the ground by as much
+constexpr double kRivalShare = 0.5;   // of the answer's inliers: as many make another place a rival
 
 [[noreturn]] void refuse(const std::string& what) { throw Error(ErrorCode::invalid_argument, what); }
 
-struct Picture {
-  ImageView image, mask;
-  Camera camera;
-};
-
-/// A picture of 2^level x 2^level means, and its pixels.
-struct SmallPicture {
-  Pyramid grey;
-  std::vector<uint8_t> hidden;
-  Picture picture;
-
-  SmallPicture(const Picture& full, int level);
-};
+using internal::MapFit;
+using internal::median_depth;
+using internal::motion;
+using internal::Picture;
+using internal::SmallPicture;
+using internal::view_of;
 
 struct Candidate {
   SE3 T_WC;
@@ -56,82 +43,10 @@ struct Candidate {
 
 using Allowed = std::function<bool(const SE3&)>;
 
-ImageView view_of(const Map& map) { return {map.data.data(), map.width, map.height, 0, PixelFormat::r32f}; }
-
-/// The mask of an image of 2^level x 2^level means: 0 where a mean has a hidden pixel.
-std::vector<uint8_t> small_mask(const ImageView& mask, int level) {
-  const int width = mask.width >> level, height = mask.height >> level;
-  std::vector<uint8_t> small(static_cast<size_t>(width) * static_cast<size_t>(height), 255);
-  for (int v = 0; v < height << level; ++v) {
-    uint8_t* row = small.data() + static_cast<size_t>(v >> level) * static_cast<size_t>(width);
-    for (int u = 0; u < width << level; ++u)
-      if (mask.row(v)[u] == 0) row[u >> level] = 0;
-  }
-  return small;
-}
-
-SmallPicture::SmallPicture(const Picture& full, int level) : picture(full) {
-  if (level == 0) return;
-  grey = grey_pyramid(full.image, level + 1);
-  picture = {view_of(grey.back()), {}, full.camera.at_level(level)};
-  if (full.mask.empty()) return;
-  hidden = small_mask(full.mask, level);
-  picture.mask = {hidden.data(), picture.camera.width, picture.camera.height, 0, PixelFormat::r8};
-}
-
-/// The last step is one that errors of two views explain.
-bool settled(const Located& located, const SE3& before) {
-  const Vector6d step = (located.T_WC.inverse() * before).log();
-  const Eigen::LLT<Matrix6d> factor(located.covariance);
-  return factor.info() == Eigen::Success && step.dot(factor.solve(step)) < kSettled;
-}
-
-/// m; nothing if the view shows no ground.
-std::optional<double> median_depth(const View& view) {
-  std::vector<float> depth;
-  std::copy_if(view.depth.begin(), view.depth.end(), std::back_inserter(depth), [](float z) { return z > 0; });
-  if (depth.empty()) return std::nullopt;
-  const auto middle = depth.begin() + static_cast<ptrdiff_t>(depth.size() / 2);
-  std::nth_element(depth.begin(), middle, depth.end());
-  return *middle;
-}
-
-/// px: how far T moves the corners of an image whose pixels are at this distance, the most of the four.
-double motion(const Camera& camera, const SE3& T, double distance) {
-  double most = 0;
-  for (const double u : {0.0, camera.width - 1.0})
-    for (const double v : {0.0, camera.height - 1.0}) {
-      const Eigen::Vector3d X = T * Eigen::Vector3d(distance * camera.ray({u, v}));
-      if (X.z() <= 0) return INFINITY;
-      most = std::max(most, (camera.project(X) - Eigen::Vector2d(u, v)).norm());
-    }
-  return most;
-}
-
-/// Points of the ground that the answer rests on, in the camera's frame.
-std::vector<Eigen::Vector3d> seen_points(const Camera& camera, const Features& features, const RefinedAlignment& answer) {
-  std::vector<Eigen::Vector3d> points;
-  for (size_t i = 0; i < features.uv.size(); ++i) {
-    if (!(features.inverse_depth[i] > 0)) continue;
-    const Eigen::Vector3d X = answer.T_10 * Eigen::Vector3d(camera.ray(features.uv[i]) / features.inverse_depth[i]);
-    if (X.z() <= 0) continue;
-    const Eigen::Vector2d uv = camera.project(X);
-    const bool aligned = i < answer.features.size() && answer.features[i].status == FeatureStatus::aligned;
-    if (answer.refined ? aligned && (answer.features[i].uv1 - uv).norm() < kInlier : camera.contains(uv)) points.push_back(X);
-  }
-  return points;
-}
-
 RenderOptions view_options() {
   RenderOptions options;
   options.samples = 1;  // the mosaic is filtered; more rays smooth only the edges of the relief
   options.max_anisotropy = 4;
-  return options;
-}
-
-/// Positions and heights of a map are off by a share of its pixels, which images of one camera are not.
-SessionOptions fine_options(SessionOptions options) {
-  options.refiner.pose.max_sigma = std::max(options.refiner.pose.max_sigma, kMapSigma);
   return options;
 }
 
@@ -173,26 +88,19 @@ void LocatorOptions::check() const {
 struct Locator::Impl {
   LocatorOptions options;
   internal::MapWindow map;
-  Session coarse, fine;
+  Session coarse;
+  MapFit fine;
 
   Impl(const std::shared_ptr<engine::Context>& context, std::shared_ptr<const TerrainSource> source, const LocatorOptions& o)
       : options(o),
         map(context, std::move(source), view_options()),
-        coarse(coarse_options(fine_options(o.session)), context),
-        fine(fine_options(o.session), context) {}
-
-  bool above_ground(const SE3& T_WC) const {
-    const auto ground = map.terrain().height_at(T_WC.t.x(), T_WC.t.y());
-    return !ground || *ground < T_WC.t.z();
-  }
+        coarse(coarse_options(internal::fit_options(o.session)), context),
+        fine(context, map, o) {}
 
   void compare(const Picture& picture, std::span<const SE3> poses, const Allowed& likely, std::vector<Candidate>& found);
   double distance(const Camera& camera, const LocatePrior& prior);
   int map_level(const Camera& camera, double distance) const;
   std::vector<Candidate> candidates(const Picture& picture, const LocatePrior& prior, double distance, int& hypotheses);
-  Located refine(const Picture& picture, const SE3& start);
-  Matrix6d map_covariance(const Camera& camera, const Features& features, const RefinedAlignment& answer,
-                          const SE3& T_WC) const;
   bool another_place(const Camera& camera, const SE3& a, const SE3& b);
   Located locate(const Picture& full, const LocatePrior& prior);
 };
@@ -205,7 +113,7 @@ void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, 
   std::vector<CascadePair> pairs;
   std::vector<SE3> starts;
   for (size_t i = 0; i < poses.size(); ++i) {
-    if (!above_ground(poses[i])) continue;
+    if (!fine.above_ground(poses[i])) continue;
     views[i] = map.renderer().render(picture.camera, poses[i]);
     greys[i] = grey_map(views[i].image());
     CascadePair pair;
@@ -231,7 +139,7 @@ void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, 
 
 /// m from the camera of the prior to the ground.
 double Locator::Impl::distance(const Camera& camera, const LocatePrior& prior) {
-  if (above_ground(prior.T_WC))
+  if (fine.above_ground(prior.T_WC))
     if (const auto seen = median_depth(map.renderer().render(camera, prior.T_WC))) return *seen;
   const auto ground = map.terrain().height_at(prior.T_WC.t.x(), prior.T_WC.t.y());
   return std::max({1.0, prior.T_WC.t.z() - ground.value_or(0), options.reach * prior.height_sigma});
@@ -263,68 +171,9 @@ std::vector<Candidate> Locator::Impl::candidates(const Picture& picture, const L
   for (const Candidate& c : found) {
     if (static_cast<int>(best.size()) == options.candidates) break;
     const auto known = [&](const Candidate& b) { return motion(small, b.T_WC.inverse() * c.T_WC, distance) < kAnotherPlace; };
-    if (above_ground(c.T_WC) && std::none_of(best.begin(), best.end(), known)) best.push_back(c);
+    if (fine.above_ground(c.T_WC) && std::none_of(best.begin(), best.end(), known)) best.push_back(c);
   }
   return best;
-}
-
-Matrix6d Locator::Impl::map_covariance(const Camera& camera, const Features& features, const RefinedAlignment& answer,
-                                       const SE3& T_WC) const {
-  const Terrain& seen = map.terrain();
-  const double sigma = std::max(answer.sigma, answer.refined ? kLeastSigma : kInlier);
-  return internal::map_covariance(camera, seen_points(camera, features, answer), T_WC.R,
-                                  {sigma, seen.mosaic.step_x, seen.relief.step_x});
-}
-
-Located Locator::Impl::refine(const Picture& picture, const SE3& start) {
-  const Camera& camera = picture.camera;
-  Vector6d turn = Vector6d::Zero();
-  turn[4] = kAside * camera.width / camera.fx;
-  const SE3 aside = SE3::exp(turn);
-  Located located;
-  located.T_WC = start;
-  while (located.rounds < options.rounds) {
-    if (!above_ground(located.T_WC)) {
-      located.status = Status::diverged, located.reason = "the pose is below the ground";
-      return located;
-    }
-    const SE3 T_WV = located.T_WC * aside;
-    const View view = map.renderer().render(camera, T_WV);
-    const auto distance = median_depth(view);
-    if (!distance) {
-      located.status = Status::low_overlap, located.reason = "the map has no ground under the picture";
-      return located;
-    }
-    CascadePair pair;
-    pair.reference.image = view.image(), pair.reference.camera = camera;
-    pair.reference.features = detect_features(view.image(), view.depth_image(), {}, options.session.detector);
-    pair.target = picture.image, pair.target_mask = picture.mask;
-    const RefinedAlignment answer = fine.align(pair);
-    const SE3 before = located.T_WC;
-    located.rounds += 1;
-    located.status = answer.status, located.reason = answer.reason, located.model = answer.model;
-    located.inliers = answer.inliers, located.visible = answer.visible, located.sigma = answer.sigma;
-    located.T_WC = T_WV * answer.T_10.inverse();
-    located.T_WC.orthonormalize();
-    located.rivals.clear();
-    located.covariance.setZero();
-    for (const Rival& rival : answer.rivals) located.rivals.push_back(T_WV * rival.T_10.inverse());
-    if (!answer.converged()) return located;
-    // T_WV (T_10 Exp(xi))^-1 = T_WC Exp(-A xi), A = Ad(T_10)
-    const Matrix6d A = adjoint(answer.T_10);
-    const Matrix6d of_map = map_covariance(camera, pair.reference.features, answer, located.T_WC);
-    if (of_map.isZero()) {
-      located.status = Status::degenerate, located.reason = "the features leave the pose open to errors of the map";
-      return located;
-    }
-    located.covariance = A * answer.covariance * A.transpose() + of_map;
-    if (motion(camera, located.T_WC.inverse() * before, *distance) < options.tolerance) return located;
-    if (located.rounds > 1 && settled(located, before)) return located;
-  }
-  located.status = Status::max_iterations;
-  located.covariance.setZero();
-  located.reason = "the pose still moved after " + std::to_string(options.rounds) + " views";
-  return located;
 }
 
 bool Locator::Impl::another_place(const Camera& camera, const SE3& a, const SE3& b) {
@@ -338,20 +187,22 @@ Located Locator::Impl::locate(const Picture& full, const LocatePrior& prior) {
   best.status = Status::low_overlap;
   best.reason = "the map shows too little where the prior looks";
   if (!map.cover(full.camera, prior, options.reach)) return best;
-  if (!above_ground({prior.T_WC.R, prior.T_WC.t + options.reach * prior.height_sigma * Eigen::Vector3d::UnitZ()})) {
+  if (!fine.above_ground({prior.T_WC.R, prior.T_WC.t + options.reach * prior.height_sigma * Eigen::Vector3d::UnitZ()})) {
     best.reason = "the prior is below the ground of the map";
     return best;
   }
   int hypotheses = 0;
+  std::string doubt;
   const double away = distance(full.camera.at_level(2), prior);
   const SmallPicture as_the_map(full, map_level(full.camera, away));
   const Picture& picture = as_the_map.picture;
+  const double finest = std::max(map.terrain().mosaic.step_x, away / std::abs(full.camera.fx));
   for (const Candidate& c : candidates(full, prior, away, hypotheses)) {
     // After a converged answer, only places that also converged can be rivals.
     if (best.converged() && !c.converged) break;
-    const Located other = refine(picture, c.T_WC);
+    const auto [other, doubt_of_other] = fine.fit(picture, c.T_WC, finest);
     if (!best.converged()) {
-      if (other.converged() || best.rounds == 0) best = other;
+      if (other.converged() || best.rounds == 0) best = other, doubt = doubt_of_other;
     } else if (other.converged() && other.inliers >= kRivalShare * best.inliers &&
                another_place(picture.camera, best.T_WC, other.T_WC)) {
       best.rivals.push_back(other.T_WC);
@@ -362,6 +213,10 @@ Located Locator::Impl::locate(const Picture& full, const LocatePrior& prior) {
     best.status = Status::ambiguous;
     best.covariance.setZero();
     best.reason = "the picture fits at " + std::to_string(best.rivals.size() + 1) + " places of the map";
+  } else if (best.converged() && !doubt.empty()) {
+    best.status = Status::degenerate;
+    best.covariance.setZero();
+    best.reason = doubt + "; " + best.reason;
   }
   return best;
 }

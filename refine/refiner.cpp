@@ -65,6 +65,7 @@ void RefinerOptions::check() const {
   check_range("refine threads", threads, 0, 1024);
   check_range("refine min_inliers", min_inliers, 4, 1e6);
   check_range("refine min_inlier_share", min_inlier_share, 0, 1);
+  check_range("refine min_clear_share", min_clear_share, 0, 1);
   check_range("refine max_correction", max_correction, 0, 1e4);
   check_range("refine max_rival_share", max_rival_share, 0, 1);
 }

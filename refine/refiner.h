@@ -40,6 +40,9 @@ struct RefinerOptions {
   /// hololens_80 and tum_fr1_360_5 from starts 1 to 60 px off: 94 % of 488 poses within 2.5 px of the truth pass, and 1 of 537
   /// poses that are more than 4 px wrong at the features.
   double min_inlier_share = 0.35;
+  /// The same, where at least nine tenths of the aligned features agree. 0.2 is enough where nothing moves and the change of
+  /// appearance hides most features; elsewhere an object that passes can have as many.
+  double min_clear_share = 0.35;
   /// Another pose makes the status ambiguous if it has too many features that the answer does not explain: more than this
   /// share of the features that only the answer explains.
   double max_rival_share = 0.4;

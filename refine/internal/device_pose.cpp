@@ -77,6 +77,7 @@ DevicePose::DevicePose(const std::shared_ptr<const engine::Context>& context, co
   push_.round_tolerance = static_cast<float>(options.round_tolerance);
   push_.min_inliers = static_cast<uint32_t>(options.min_inliers);
   push_.min_inlier_share = static_cast<float>(options.min_inlier_share);
+  push_.min_clear_share = static_cast<float>(options.min_clear_share);
   push_.max_correction = static_cast<float>(options.max_correction);
   push_.keep_unconfirmed = options.keep_unconfirmed;
   push_.width = static_cast<uint32_t>(width);

@@ -17,7 +17,9 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
         << summary(features);
     return end(Status::too_few_features);
   }
-  const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(options.min_inlier_share * e.candidates)));
+  const bool clear = e.inliers >= ICLK_CLEAR_AGREEMENT * e.aligned;
+  const double share = clear ? std::min(options.min_clear_share, options.min_inlier_share) : options.min_inlier_share;
+  const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(share * e.candidates)));
   if (e.inliers < needed) {
     why << "the features do not confirm the pose: " << e.inliers << " of " << e.candidates
         << " with texture inside the target agree on it, " << needed << " needed; " << summary(features);

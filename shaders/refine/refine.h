@@ -36,6 +36,8 @@ using uint = uint32_t;
 #define ICLK_LEAST_WIDTH 0.02
 // If a smaller share of the aligned features agrees with a pose from a search, they refute it.
 #define ICLK_REFUTED_SHARE 0.68
+// If at least this share of them agrees, RefinerOptions::min_clear_share is enough.
+#define ICLK_CLEAR_AGREEMENT 0.9
 
 // Feature alignment: all features of one pair, warped by one pose.
 struct FeatureTask {
@@ -153,7 +155,7 @@ struct RefinePush {
   uint iterations, min_features;
   float round_tolerance;
   uint min_inliers;
-  float min_inlier_share, max_correction;
+  float min_inlier_share, min_clear_share, max_correction;
   uint keep_unconfirmed;
   uint width, height;  // of the images
   uint pairs;

@@ -122,7 +122,9 @@ void main() {
     }
     barrier();
     moved = correction(iclk, T);
-    uint candidates = uint(counts.y), needed = max(push.min_inliers, uint(ceil(push.min_inlier_share * counts.y)));
+    bool clear_agreement = float(state.inliers) >= ICLK_CLEAR_AGREEMENT * counts.z;
+    float share = clear_agreement ? min(push.min_clear_share, push.min_inlier_share) : push.min_inlier_share;
+    uint candidates = uint(counts.y), needed = max(push.min_inliers, uint(ceil(share * counts.y)));
     bool compatible = true;
     if (candidates < push.min_inliers && state.inliers < push.min_inliers) {
       status = TOO_FEW_FEATURES;

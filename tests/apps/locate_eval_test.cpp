@@ -2,7 +2,8 @@
 #include <gtest/gtest.h>
 #include <iclk/render/procedural.h>
 
-#include "apps/eval/locate/defects.h"
+#include "../support/device.h"
+#include "apps/eval/locate/run.h"
 
 namespace iclk {
 namespace {
@@ -53,6 +54,21 @@ TEST(MapDefects, MissingHousesOnlyLowerTheGround) {
   const Terrain map = degraded(ground(), defects), before = ground();
   EXPECT_GT(mean_difference(map.height, before.height), 0);
   for (size_t i = 0; i < map.height.size(); ++i) EXPECT_LE(map.height[i], before.height[i]);
+}
+
+// Light moves what woods look like: grey values and learned maps agree on a pose that is 2 m off.
+TEST(LocateEval, WoodsUnderAnotherSunAreNotClaimed) {
+  ICLK_NEED_DEVICE();
+  LocateEvalOptions options;
+  options.locator.session.model_folders = {ICLK_SOURCE_DIR "/models"};  // of the tree: nothing is installed here
+  options.frames = options.maps = 1;
+  options.seed = 601;
+  options.season = true;
+  options.metres = 10, options.degrees = 5;
+  const LocateSample sample = run_locate_eval(options, {}).methods[0].samples[0];
+  EXPECT_EQ(sample.located.status, Status::degenerate);
+  EXPECT_NE(sample.located.reason.find("lit differently"), std::string::npos) << sample.located.reason;
+  EXPECT_TRUE(sample.located.covariance.isZero());
 }
 
 }  // namespace

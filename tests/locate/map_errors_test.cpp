@@ -44,6 +44,37 @@ TEST(MapErrors, AShiftOfTheGroundMovesTheCamera) {
   EXPECT_GT(covariance(ground(20), {0.3, 0, 4}).trace(), covariance(ground(20), {0.3, 0, 0}).trace());
 }
 
+TEST(MapErrors, AnotherSunMovesRoughGround) {
+  const Eigen::Matrix3d R = test::looking_down({0, 0, 60}, 0.7, 0.1).R;
+  const std::vector<Vector3d> points = ground(20);
+  std::vector<double> rough(points.size(), 2);
+  const auto map = [&] { return covariance(points, {1e-3, 0, 0, rough}); };
+  const Eigen::Matrix3d position = R * map().topLeftCorner<3, 3>() * R.transpose();
+  EXPECT_NEAR(std::sqrt(position(0, 0)), 2, 0.1);
+  EXPECT_NEAR(std::sqrt(position(1, 1)), 2, 0.1);
+  EXPECT_NEAR(internal::ground_sigma(kCamera, points, map()), 2, 0.1);
+  const auto turn = [&] { return std::sqrt(map().bottomRightCorner<3, 3>().trace()); };
+  EXPECT_LT(turn(), 0.01);
+  for (size_t i = 0; i < points.size(); ++i) rough[i] = points[i].x() < 0 ? 2 : 0;
+  EXPECT_GT(turn(), 0.02) << "woods on one side: the camera seems tilted";
+}
+
+TEST(MapErrors, CrownsAreRoughAndSlopesAreNot) {
+  Terrain map;
+  map.relief = {41, 41, 0, 41, 1, 1};
+  for (int v = 0; v < 41; ++v)
+    for (int u = 0; u < 41; ++u) {
+      const bool crown = u > 20 && (u / 3 + v / 3) % 2 == 0;
+      map.height.push_back(static_cast<float>(0.5 * u + 0.2 * v + (crown ? 6 : 0)));
+    }
+  EXPECT_LT(internal::ground_roughness(map, 9.5, 20.5), 1e-4);
+  const double rough = internal::ground_roughness(map, 30.5, 20.5);
+  EXPECT_NEAR(rough, 3, 1);
+  EXPECT_GT(internal::ground_roughness(map, 39.5, 20.5), 1) << "near the border";
+  map.height[20 * 41 + 28] = NAN;
+  EXPECT_NEAR(internal::ground_roughness(map, 30.5, 20.5), rough, 0.5) << "a height is missing";
+}
+
 TEST(MapErrors, PointsThatLeaveThePoseOpenHaveNone) {
   EXPECT_TRUE(covariance({}, {1, 1, 1}).isZero());
   EXPECT_TRUE(covariance({{0, 0, 60}, {0, 0, 60}, {0, 0, 60}, {0, 0, 60}}, {1, 0, 0}).isZero());

@@ -228,6 +228,23 @@ TEST(Verdict, FeaturesThatAlignAndDisagreeSpeakAgainstAPose) {
   EXPECT_TRUE(compatible());
 }
 
+TEST(Verdict, FewFeaturesAreEnoughOnlyIfAskedAndIfNearlyAllAgree) {
+  internal::Evidence e;
+  e.visible = e.candidates = 200;
+  e.aligned = 50;
+  e.inliers = 46;
+  e.pose_status = Status::converged;
+  RefinerOptions options;
+  const auto status = [&] { return internal::judge(e, {}, {}, options).status; };
+  EXPECT_EQ(status(), Status::diverged);
+  options.min_clear_share = 0.2;
+  EXPECT_EQ(status(), Status::converged);
+  e.inliers = 44;
+  EXPECT_EQ(status(), Status::diverged) << "six of fifty speak against it";
+  e.aligned = e.inliers = 39;
+  EXPECT_EQ(status(), Status::diverged) << "too few";
+}
+
 TEST_F(Refine, WhereNoFeatureIsFoundIclkStandsIfAsked) {
   RefinerOptions options;
   const auto refined = [&] {
