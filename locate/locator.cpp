@@ -50,7 +50,8 @@ RenderOptions view_options() {
   return options;
 }
 
-SessionOptions coarse_options(SessionOptions options) {
+SessionOptions coarse_options(SessionOptions options, bool second_looks) {
+  options.second_looks = second_looks;
   options.model = "classical";
   options.stages.clear();
   options.search = SearchMode::on;
@@ -88,16 +89,18 @@ void LocatorOptions::check() const {
 struct Locator::Impl {
   LocatorOptions options;
   internal::MapWindow map;
-  Session coarse;
+  Session coarse, thorough;  // without and with second looks
   MapFit fine;
 
   Impl(const std::shared_ptr<engine::Context>& context, std::shared_ptr<const TerrainSource> source, const LocatorOptions& o)
       : options(o),
         map(context, std::move(source), view_options()),
-        coarse(coarse_options(internal::fit_options(o.session)), context),
+        coarse(coarse_options(internal::fit_options(o.session), false), context),
+        thorough(coarse_options(internal::fit_options(o.session), true), context),
         fine(context, map, o) {}
 
-  void compare(const Picture& picture, std::span<const SE3> poses, const Allowed& likely, std::vector<Candidate>& found);
+  void compare(Session& session, const Picture& picture, std::span<const SE3> poses, const Allowed& likely,
+               std::vector<Candidate>& found);
   double distance(const Camera& camera, const LocatePrior& prior);
   int map_level(const Camera& camera, double distance) const;
   std::vector<Candidate> candidates(const Picture& picture, const LocatePrior& prior, double distance, int& hypotheses);
@@ -106,7 +109,7 @@ struct Locator::Impl {
 };
 
 /// Aligns the image with a view at each pose.
-void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, const Allowed& likely,
+void Locator::Impl::compare(Session& session, const Picture& picture, std::span<const SE3> poses, const Allowed& likely,
                             std::vector<Candidate>& found) {
   std::vector<View> views(poses.size());
   std::vector<Map> greys(poses.size());
@@ -119,7 +122,7 @@ void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, 
     CascadePair pair;
     pair.reference.image = view_of(greys[i]);
     pair.reference.camera = picture.camera;
-    pair.reference.features = detect_features(pair.reference.image, views[i].depth_image(), {}, coarse.options().detector);
+    pair.reference.features = detect_features(pair.reference.image, views[i].depth_image(), {}, session.options().detector);
     pair.target = picture.image;
     pair.target_mask = picture.mask;
     if (pair.reference.features.size() < kFewestFeatures) continue;
@@ -127,7 +130,7 @@ void Locator::Impl::compare(const Picture& picture, std::span<const SE3> poses, 
     starts.push_back(poses[i]);
   }
   if (pairs.empty()) return;
-  const std::vector<RefinedAlignment> results = coarse.align(pairs);
+  const std::vector<RefinedAlignment> results = session.align(pairs);
   for (size_t i = 0; i < results.size(); ++i) {
     const SE3 T_WC = starts[i] * results[i].T_10.inverse();
     if (likely(T_WC))
@@ -163,8 +166,12 @@ std::vector<Candidate> Locator::Impl::candidates(const Picture& picture, const L
   hypotheses = static_cast<int>(poses.size());
   std::vector<Candidate> found, best;
   const Allowed likely = [&](const SE3& T_WC) { return internal::likely(T_WC, prior, distance, options.reach + 1); };
-  for (size_t i = 0; i < poses.size(); i += kBatch)
-    compare(coarse_picture.picture, std::span(poses).subspan(i, std::min(kBatch, poses.size() - i)), likely, found);
+  for (Session* session : {&coarse, &thorough}) {
+    found.clear();
+    for (size_t i = 0; i < poses.size(); i += kBatch)
+      compare(*session, coarse_picture.picture, std::span(poses).subspan(i, std::min(kBatch, poses.size() - i)), likely, found);
+    if (std::any_of(found.begin(), found.end(), [](const Candidate& c) { return c.converged; })) break;
+  }
   std::stable_sort(found.begin(), found.end(), [](const Candidate& a, const Candidate& b) {
     return std::tuple(a.converged, a.inliers, a.likely) > std::tuple(b.converged, b.inliers, b.likely);
   });

@@ -286,7 +286,7 @@ RefinedAlignment Cascade::answer_alike(const Look& look, const Pair& pair, const
 
 RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, RefinedAlignment answer,
                                          std::optional<internal::PairBlur>& blur) {
-  if (!steps_[look.step].refiner || (look.first && !look.last) || look.gradients) return answer;
+  if (!steps_[look.step].refiner || !steps_[look.step].blur || (look.first && !look.last) || look.gradients) return answer;
   blur = blur_of(pair, answer);
   if (!blur || !(look.last || look.local_contrast || answer.converged())) return answer;
   std::optional<RefinedAlignment> alike = align_alike(look, pair, *blur, answer);

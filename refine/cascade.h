@@ -49,6 +49,7 @@ class Cascade {
     /// Before that, they are aligned from a start that the directions of gradients give (Pair::found), if they have one. Later
     /// steps begin there too. Needs AlignerOptions::search.
     bool gradients = false;
+    bool blur = true;  ///< pairs may be aligned with both images blurred alike
   };
   /// Sums over the constructor and all calls of align(), ms.
   struct Times {

@@ -48,6 +48,9 @@ struct SessionOptions {
   bool dense = false;           ///< align every pixel with depth, not patches; references need Reference::inverse_depth
   bool refine = true;           ///< false: the answer is the pose of ICLK
   RefinerOptions refiner = {};  ///< keep_unconfirmed is set for each model: true with a learned one
+  /// Pairs that do not converge are aligned again: from a start by gradients, with even local contrast, with both images
+  /// blurred alike. False saves time where most pairs are not expected to converge.
+  bool second_looks = true;
 
   DetectorOptions detector = {};  ///< for features that the session chooses
   DepthSigma depth_sigma = {};    ///< for features without a sigma; see Session::align()

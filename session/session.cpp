@@ -97,8 +97,9 @@ std::unique_ptr<Cascade> Session::make_cascade(const Needs& needs) {
     };
     RefinerOptions refiner = options_.refiner;
     refiner.keep_unconfirmed = stage.model != nullptr;
-    steps.push_back({name, make, options_.refine ? std::optional(refiner) : std::nullopt, stage.model == nullptr,
-                     stage.model == nullptr && stage.aligner.search});
+    const bool classical_again = options_.second_looks && stage.model == nullptr;
+    steps.push_back({name, make, options_.refine ? std::optional(refiner) : std::nullopt, classical_again,
+                     classical_again && stage.aligner.search, options_.second_looks});
   }
   return std::make_unique<Cascade>(std::move(steps));
 }
