@@ -15,6 +15,7 @@ constexpr double kShift = 0.3;       // texels: standard deviation of an error t
 constexpr double kHeight = 0.1;      // steps of the heights: the same along z, and of each height
 constexpr double kAround = 7.5;      // m: roughness is that of the heights so far away, at most
 constexpr double kCrown = 3.6;       // m: heights so far apart flatten crowns to 1/e
+constexpr double kFlattest = 4;      // most by which flattened heights are corrected
 constexpr int kHeights = 5;          // a side
 constexpr int kFewestHeights = 6;
 
@@ -72,7 +73,7 @@ double ground_roughness(const Terrain& terrain, double x, double y) {
   const auto b = heights.head(known);
   const Eigen::Vector3d plane = A.colPivHouseholderQr().solve(b);
   const double spread = std::max(terrain.relief.step_x, terrain.relief.step_y) / kCrown;
-  const double flattened = std::exp(std::min(spread * spread, 1.4));
+  const double flattened = std::min(std::exp(spread * spread), kFlattest);
   return flattened * std::sqrt((b - A * plane).squaredNorm() / static_cast<double>(known - 3));
 }
 

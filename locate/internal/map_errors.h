@@ -30,7 +30,7 @@ Matrix6d map_covariance(const Camera& camera, std::span<const Eigen::Vector3d> p
                         const MapErrors& errors);
 
 /// m: the standard deviation of the heights around (x, y) from a plane, as crowns and houses make it. Heights that are far
-/// apart flatten crowns, which is corrected up to 4 m. 0 where hardly any heights are known.
+/// apart flatten crowns, which is corrected up to a factor of 4. 0 where hardly any heights are known.
 double ground_roughness(const Terrain& terrain, double x, double y);
 
 /// m: the standard deviation with which a pose of this covariance places what the camera sees at these points, root mean
