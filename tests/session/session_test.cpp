@@ -228,6 +228,8 @@ TEST(Session, OtherModelsAreAskedInTheirOrder) {
   const RefinedAlignment r = session.align(far.pair());
   EXPECT_TRUE(r.converged()) << r.reason;
   EXPECT_EQ(r.attempts.size(), 3u);  // the first, the same by local contrast, the second
+  options.second_looks = false;
+  EXPECT_EQ(Session(options).align(far.pair()).attempts.size(), 2u);
 }
 
 TEST(Session, TheVariableMayNameTheCpu) {
