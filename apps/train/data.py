@@ -110,7 +110,7 @@ def refuse_shared_images(sets, tests):
     for path, test in images(tests).items():
         if digest(path) in known:
             raise InputError(f'{test}: its image {path} is the same as {known[digest(path)]}, which is used for training; '
-                             'a test set must not share images')
+                             'sets of --validation and --test must not share images with --data')
 
 
 def read_image(path, flags, what):
@@ -145,13 +145,19 @@ def strips(pairs):
     return [tuple(sorted((frames[p['reference']], frames[p['target']]))) for p in pairs]
 
 
+def mixed(sets):
+    """All pairs, in an order that does not depend on that of the sets or of their lines; the first ones are of all sets."""
+    return in_random_order([pair for s in sets for pair in s.pairs])
+
+
+def in_random_order(pairs):
+    return sorted(pairs, key=lambda pair: appearance.counter_word(appearance.fnv1a(pair['id']), 0))
+
+
 def split(sets, share):
     """Training and validation pairs. What validates lies at the end of each set, by place or by frames, and what reaches across
     the cut is left out: no image and no piece of ground is in both. Does not depend on the order of the sets or their lines."""
     training, validation = [], []
-
-    def rank(pair):
-        return appearance.counter_word(appearance.fnv1a(pair['id']), 0)
     for s in sets:
         where = dict(zip(map(id, s.pairs), strips(s.pairs)))
         starts = sorted((strip[0] for strip in where.values()), reverse=True)
@@ -162,7 +168,7 @@ def split(sets, share):
                              'pairs of other ground or frames')
         training += before
         validation += [pair for pair in s.pairs if where[id(pair)][0] >= cut]
-    return sorted(training, key=rank), sorted(validation, key=rank)  # the first ones are of all sets
+    return in_random_order(training), in_random_order(validation)  # the first ones are of all sets
 
 
 def motion(pairs):

@@ -6,14 +6,29 @@ import torch.nn as nn
 import torch.nn.functional as F
 
 from recipe import InputError
-from reference import PATCH, Network, normalised, read_safetensors, write_safetensors
+from reference import PATCH, Network, read_safetensors, write_safetensors
 
 # mean and std by model.normalisation: the paper's, of pixels in [0, 1]; none where the image gives them
 NORMALISATION = {'fixed': ([0.4914, 0.4822, 0.4465], [0.2023, 0.1994, 0.2010]), 'image': ([0.0] * 3, [1.0] * 3)}
 
 
+class BatchNorm(nn.BatchNorm2d):
+    """Batch normalisation, or only a scale and a bias to train, in layers that began as those of a model file: what divided
+    them is folded into their weights, and is not in the file."""
+
+    def fix(self, bias):
+        self.running_mean.zero_(), self.running_var.fill_(1 - self.eps)
+        self.weight.fill_(1), self.bias.copy_(bias)
+        self.num_batches_tracked.fill_(-1)  # is kept in checkpoints
+
+    def forward(self, x):
+        if self.num_batches_tracked < 0:
+            return F.batch_norm(x, self.running_mean, self.running_var, self.weight, self.bias, eps=self.eps)
+        return super().forward(x)
+
+
 def convolution(cin, cout, dilation):
-    return nn.Sequential(nn.Conv2d(cin, cout, 3, padding=dilation, dilation=dilation, bias=False), nn.BatchNorm2d(cout),
+    return nn.Sequential(nn.Conv2d(cin, cout, 3, padding=dilation, dilation=dilation, bias=False), BatchNorm(cout),
                          nn.ELU(inplace=True))
 
 
@@ -54,11 +69,16 @@ class TrainedNetwork(Network):
         self.to(memory_format=torch.channels_last)  # 1.5 times as fast on a CPU
 
 
+def convolutions(network):
+    """Lists of layers by place: each level of the encoder, and the M-estimator."""
+    parts = [*network.levels, network.m_estimator or []]
+    return [[layer for layer in part if isinstance(layer, nn.Sequential)] for part in parts]
+
+
 @torch.no_grad()
-def take_model(network, path, images):
-    """Weights of a model file, of every encoder layer that has the same shape and place; the others stay as they are. Batch
-    normalisation, which a model has folded, is set by what the layers make of `images`, (B, 3, h, w) in [0, 1], so that a layer
-    gives what it gives in the model. -> what was taken, in words."""
+def take_model(network, path):
+    """Weights of a model file, of every layer that has the same shape and place; the others stay as they are. A layer that is
+    taken gives what it gives in the model, in training too. -> what was taken, in words."""
     metadata, _ = read_safetensors(path)
     given, _ = Network.load(path)
     if given.normalisation != network.normalisation:
@@ -66,31 +86,22 @@ def take_model(network, path, images):
                          f'--set model.normalisation={given.normalisation}')
     first = given.levels[0][0][0]
     if first.in_channels == 3:  # it sees numbers of another mean and deviation
-        first.bias += (first.weight * ((network.mean - given.mean) / given.std)).sum((1, 2, 3))
-        first.weight *= network.std / given.std
-    network.eval()
-    x, taken, count = (normalised(images) if network.normalisation == 'image' else images), 0, 0
-    x = (x - network.mean) / network.std
-    for level, layers in enumerate(network.levels):
-        sources = [layer[0] for layer in given.levels[level]] if level < len(given.levels) else []
-        x = F.avg_pool2d(x, 2) if level else x
-        for i, layer in enumerate(layers):
-            conv, norm = layer[0], layer[1]
-            source = sources[i] if i < len(sources) else None
-            same = source is not None and (source.weight.shape, source.dilation) == (conv.weight.shape, conv.dilation)
-            if same:
-                conv.weight.copy_(source.weight)
-            z = conv(x)
-            norm.running_mean.copy_(z.mean((0, 2, 3)))
-            norm.running_var.copy_(z.var((0, 2, 3), unbiased=False))
-            if same:
-                norm.weight.copy_((norm.running_var + norm.eps).sqrt())
-                norm.bias.copy_(source.bias + norm.running_mean)
-            x, taken, count = layer(x), taken + same, count + 1
+        mean, std = network.mean.cpu(), network.std.cpu()
+        first.bias += (first.weight * ((mean - given.mean) / given.std)).sum((1, 2, 3))
+        first.weight *= std / given.std
+    wanted, sources, taken = convolutions(network), convolutions(given), 0
+    encoders = zip(wanted[:-1], sources[:-1])
+    for layer, source in (pair for parts in (*encoders, (wanted[-1], sources[-1])) for pair in zip(*parts)):
+        conv, of = layer[0], source[0]
+        if (of.weight.shape, of.dilation) == (conv.weight.shape, conv.dilation):
+            conv.weight.copy_(of.weight)
+            layer[1].fix(of.bias)
+            taken += 1
     if taken == 0:
         raise InputError(f'{path}: none of its layers has the same shape in the recipe; its encoder is '
                          f'{metadata["encoder_channels"]} (model.encoder_channels)')
-    return f'{taken} of {count} layers began as those of {metadata["name"]}: {metadata.get("provenance", "")}'
+    return (f'{taken} of {sum(map(len, wanted))} layers began as those of {metadata["name"]}: '
+            f'{metadata.get("provenance", "")}')
 
 
 def folded(layers):

@@ -34,14 +34,16 @@ def parser():
     run = commands.add_parser('run', help='train', **form)
     run.add_argument('--data', nargs='+', required=True, metavar='SET',
                      help='folders of `iclk render --pairs`, or manifests of `iclk batch` with depth and truth')
+    run.add_argument('--validation', nargs='+', default=[], metavar='SET',
+                     help='sets to validate on; default: a part of each set of --data, data.validation_share')
     run.add_argument('--test', nargs='+', default=[], metavar='SET', help='sets for a test curve; never trained on')
     run.add_argument('--out', required=True, metavar='RUN', help='folder of the run; a run that was stopped continues')
     run.add_argument('--recipe', default='ours', metavar='NAME|FILE', help='ours (default), paper, or a TOML file')
     run.add_argument('--set', action='append', default=[], metavar='KEY=VALUE',
                      help='change a value of the recipe; may be repeated')
     run.add_argument('--init', metavar='CHECKPOINT|MODEL',
-                     help='initial weights of a new run; from a .safetensors file only the encoder layers that have the '
-                          'same shape in the recipe')
+                     help='initial weights of a new run; from a .safetensors file only the layers that have the same '
+                          'shape in the recipe')
     run.add_argument('--device', choices=('cpu', 'cuda'), help='default: cuda if there is one')
     run.add_argument('--threads', type=int, default=len(os.sched_getaffinity(0)), metavar='N',
                      help='CPU threads; default: all cores')
@@ -89,7 +91,8 @@ def run_command(args):
         raise recipe.InputError(f'--threads {args.threads} must be 1 or more')
     torch.set_num_threads(args.threads)
     workers = args.workers if args.workers is not None else (4 if device == 'cuda' else 0)
-    trainer = Trainer(recipe.load(args.recipe, args.set), args.data, args.test, args.out, device, workers, args.init)
+    trainer = Trainer(recipe.load(args.recipe, args.set), args.data, args.test, args.out, device, workers, args.init,
+                      args.validation)
     return 0 if trainer.run(args.checkpoint_every, minutes=args.minutes) else 6
 
 

@@ -10,7 +10,7 @@ import torch
 
 import curves
 import losses
-from data import FixedBatches, PairSet, TrainingBatches, epoch_samples, motion, refuse_shared_images, split
+from data import FixedBatches, PairSet, TrainingBatches, epoch_samples, mixed, motion, refuse_shared_images, split
 from files import write_text
 from network import TrainedNetwork, export, take_model
 from recipe import InputError, difference
@@ -31,18 +31,21 @@ def plain_signals(worker):
 
 
 class Trainer:
-    def __init__(self, recipe, sets, tests, out, device='cpu', workers=0, init=None):
+    def __init__(self, recipe, sets, tests, out, device='cpu', workers=0, init=None, validation_sets=()):
         self.recipe, self.device, self.workers = recipe, device, workers
         self.folder = RunFolder(out)
-        sets, tests = [PairSet(path) for path in sets], [PairSet(path) for path in tests]
-        refuse_shared_images(sets, tests)
-        self.training, validation = split(sets, recipe['data']['validation_share'])
-        fixed = {'validation': validation, 'test': [pair for s in in_turn(tests) for pair in s]}
+        sets, validation_sets, tests = ([PairSet(path) for path in paths] for paths in (sets, validation_sets, tests))
+        refuse_shared_images(sets, [*validation_sets, *tests])
+        if validation_sets:
+            self.training, validation = mixed(sets), in_turn(validation_sets)
+        else:
+            self.training, validation = split(sets, recipe['data']['validation_share'])
+        fixed = {'validation': validation, 'test': in_turn(tests)}
         self.fixed = {part: FixedBatches(pairs, recipe, part) for part, pairs in fixed.items() if pairs}
         all_pairs = [[p['id'], p['R'].tolist(), p['t'].tolist()] for p in self.training + validation + fixed['test']]
         self.data = {'hash': hashlib.sha256(repr(all_pairs).encode()).hexdigest(), 'training': len(self.training),
                      'validation': len(validation), 'test': len(fixed['test']), 'about': ', '.join(s.about for s in sets),
-                     'left_out': sum(len(s.pairs) for s in sets) - len(self.training) - len(validation)}
+                     'left_out': sum(len(s.pairs) for s in sets + validation_sets) - len(self.training) - len(validation)}
         self.motion = motion(self.training)
         batch, schedule = recipe['data']['batch'], recipe['schedule']
         self.epoch_steps = epoch_samples(self.training, recipe) / batch
@@ -96,9 +99,7 @@ class Trainer:
         """Weights of another run's checkpoint, to go on from with another recipe or other sets. An M-estimator may be new, or
         left behind. Of a model file: see take_model()."""
         if path.endswith('.safetensors'):
-            batches = self.loader(TrainingBatches(self.training, self.recipe), range(8))
-            images = torch.cat([batch['images'].flatten(0, 1) for batch in batches]).to(self.device)
-            self.before = take_model(self.network, path, images)
+            self.before = take_model(self.network, path)
             return
         state = load_checkpoint(path)
         models = [dict(r['model']) for r in (state['recipe'], self.recipe)]
@@ -265,7 +266,7 @@ class Trainer:
 def in_turn(sets):
     """Pairs of several sets in turn, so that the first ones are of all."""
     most = max((len(s.pairs) for s in sets), default=0)
-    return [[s.pairs[i] for s in sets if i < len(s.pairs)] for i in range(most)]
+    return [s.pairs[i] for i in range(most) for s in sets if i < len(s.pairs)]
 
 
 def provenance(recipe, data, step, before):

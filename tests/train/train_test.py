@@ -82,6 +82,14 @@ class Training(unittest.TestCase):
             self.assertIn(word, text)
         self.assertEqual(len([x for x in picture.getroot() if x.tag.endswith('polyline')]), 5)
 
+    def test_another_set_validates(self):
+        other = render(self.file('other'), 3, seed=2)
+        run = ('run', '--recipe', self.recipe, '--data', self.set, '--out', self.file('validated'), '--set', 'schedule.steps=1')
+        self.assertIn('must not share images', self.refused(*run, '--validation', self.set))
+        done = train(*run, '--validation', other)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn('12 training, 3 validation, 0 test pairs, 0 left out', done.stderr)
+
     def test_a_test_on_trained_images_is_refused(self):
         copy = shutil.copytree(self.set, self.file('copy'))
         why = self.refused('run', '--recipe', self.recipe, '--data', self.set, '--test', copy, '--out', self.file('refused'))
@@ -224,24 +232,24 @@ class Training(unittest.TestCase):
         model = self.state['recipe']['model']
         given = Network.load(path)[0]
         network = TrainedNetwork(model)
-        self.assertRegex(take_model(network, path, images), '9 of 9 layers began as those of tiny: trained by iclk')
-        with torch.no_grad():
-            for a, b in zip(network.eval()(images), given(images)):
-                torch.testing.assert_close(a, b, atol=1e-5, rtol=1e-4)
-            # In training the same, as batch normalisation divides by what it multiplies with.
-            for a, b in zip(network.train()(images), given(images)):
-                torch.testing.assert_close(a, b, atol=1e-3, rtol=1e-2)
+        self.assertRegex(take_model(network, path), '13 of 13 layers began as those of tiny: trained by iclk')
+        weights = torch.rand(2, 4, 40, 48, generator=torch.Generator().manual_seed(2))
+        for same in (network.eval(), network.train()):
+            with torch.no_grad():
+                for a, b in zip((*same(images), same.m_estimator(weights)), (*given(images), given.m_estimator(weights))):
+                    torch.testing.assert_close(a, b, atol=1e-5, rtol=1e-4)
         wider = TrainedNetwork({**model, 'encoder_channels': [[4, 8, 8], [8, 16, 8], [8, 12, 12]]})
-        self.assertIn('7 of 9 layers', take_model(wider, path, images))
+        self.assertIn('11 of 13 layers', take_model(wider, path))
         self.assertTrue(torch.equal(wider.levels[2][1][0].weight, given.levels[2][1][0].weight))
-        for changed, why in (({'encoder_channels': [[6, 6, 6]], 'encoder_dilations': [[1, 2, 2]]}, 'none of its layers'),
+        for changed, why in (({'encoder_channels': [[6, 6, 6]], 'encoder_dilations': [[1, 2, 2]],
+                               'm_estimator_channels': [], 'm_estimator_dilations': []}, 'none of its layers'),
                              ({'normalisation': 'fixed'}, '--set model.normalisation=image')):
             with self.assertRaisesRegex(recipe.InputError, why):
-                take_model(TrainedNetwork({**model, **changed}), path, images)
+                take_model(TrainedNetwork({**model, **changed}), path)
         done = train(*self.arguments, '--init', path, '--out', self.file('from_model'), '--set', 'schedule.steps=1')
         self.assertEqual(done.returncode, 0, done.stderr)
         info = subprocess.run([ICLK, 'model', 'info', self.file('from_model/last.safetensors')], capture_output=True, text=True)
-        self.assertRegex(info.stdout, r'9 of 9 layers .* tiny, 24 steps of 2 pairs.*; then.* 1 steps')
+        self.assertRegex(info.stdout, r'13 of 13 layers .* tiny, 24 steps of 2 pairs.*; then.* 1 steps')
 
     def test_derivatives_are_those_of_differences(self):
         settings = recipe.load(self.recipe, ['loss.step_bound=0'])
