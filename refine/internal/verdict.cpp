@@ -23,9 +23,11 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   if (e.inliers < needed) {
     why << "the features do not confirm the pose: " << e.inliers << " of " << e.candidates
         << " with texture inside the target agree on it, " << needed << " needed; " << summary(features);
-    // Enough features were found to confirm the pose, but they do not. With a first guess, the tracker decides.
-    const bool refuted = !e.guessed && e.aligned >= needed && e.inliers < ICLK_REFUTED_SHARE * e.aligned;
-    return end(Status::diverged, !refuted);
+    // Enough features were found to confirm the pose, but they do not, or those that agree have another pose. With a first
+    // guess, the tracker decides.
+    const bool disagree = e.aligned >= needed && e.inliers < ICLK_REFUTED_SHARE * e.aligned;
+    const bool elsewhere = !(e.correction <= ICLK_REFUTED_CORRECTION);
+    return end(Status::diverged, e.guessed || !(disagree || elsewhere));
   }
   if (!usable(e.pose_status)) {
     why << "pose refinement: " << e.pose_reason;

@@ -130,7 +130,9 @@ void main() {
       status = TOO_FEW_FEATURES;
     } else if (state.inliers < needed) {
       status = DIVERGED;
-      compatible = pair.search == 0u || counts.z < float(needed) || float(state.inliers) >= ICLK_REFUTED_SHARE * counts.z;
+      bool disagree = counts.z >= float(needed) && float(state.inliers) < ICLK_REFUTED_SHARE * counts.z;
+      bool elsewhere = !is_finite(moved) || moved > ICLK_REFUTED_CORRECTION;
+      compatible = pair.search == 0u || !(disagree || elsewhere);
     } else if (pose_status > MAX_ITERATIONS) {
       status = pose_status;
     } else if (!is_finite(moved) || moved > push.max_correction) {

@@ -107,19 +107,24 @@ TEST(DeviceVerdict, FewFeaturesAreEnoughOnlyIfAskedAndIfNearlyAllAgree) {
 // Enough were found, and most of them elsewhere: only a first guess may overrule that.
 TEST(DeviceVerdict, FeaturesRefuteAPoseThatWasSearchedFor) {
   ICLK_NEED_DEVICE();
-  Case searched = case_of(test::wide_scene(), 60, 0.1, 0, 1);
+  const Scene scene = test::wide_scene();
+  Case searched = case_of(scene, 60, 0.1, 0, 1);
   for (size_t i = 0; i < 45; ++i)
     searched.aligned[i].uv1 += Eigen::Vector2d(i % 2 ? 40 : -40, 7.0 * static_cast<double>(i) - 160);
   Case guessed = searched, unseen = searched;
   guessed.search = false;
   for (size_t i = 0; i < 45; ++i) unseen.aligned[i].status = FeatureStatus::bad_match;
+  unseen.T_10 = scene.T_10;
+  Case elsewhere = unseen;  // the few that were found agree on a pose 2 px away
+  elsewhere.T_10 = elsewhere.T_10 * SE3::exp((Vector6d() << 0, 0, 0, 0.005, 0, 0).finished());
   RefinerOptions options;
   options.keep_unconfirmed = true;
-  const auto outcomes = run({searched, guessed, unseen}, options);
+  const auto outcomes = run({searched, guessed, unseen, elsewhere}, options);
   EXPECT_EQ(outcomes[0].info.status, static_cast<uint32_t>(Status::diverged));
   EXPECT_TRUE(outcomes[0].covariance.isZero());
   EXPECT_EQ(outcomes[1].info.status, static_cast<uint32_t>(Status::converged));
   EXPECT_EQ(outcomes[2].info.status, static_cast<uint32_t>(Status::converged));
+  EXPECT_EQ(outcomes[3].info.status, static_cast<uint32_t>(Status::diverged));
   for (const Outcome& o : outcomes) EXPECT_EQ(o.info.refined, 0u);
 }
 

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <functional>
 #include <limits>
 #include <memory>
@@ -223,6 +224,10 @@ TEST(Verdict, FeaturesThatAlignAndDisagreeSpeakAgainstAPose) {
   e.aligned = 60;
   e.inliers = 20;
   EXPECT_TRUE(compatible()) << "severe changes: few can be aligned, for the pose or against it";
+  for (const double correction : {1.3, std::nan("")}) {  // a lamp that moves: 4 px off
+    e.correction = correction;
+    EXPECT_FALSE(compatible()) << "the few that agree have another pose";
+  }
   e.aligned = 97;
   e.guessed = true;
   EXPECT_TRUE(compatible());
