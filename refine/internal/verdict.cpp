@@ -26,7 +26,7 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
     // Enough features were found to confirm the pose, but they do not, or those that agree have another pose. With a first
     // guess, the tracker decides.
     const bool disagree = e.aligned >= needed && e.inliers < ICLK_REFUTED_SHARE * e.aligned;
-    const bool elsewhere = !(e.correction <= ICLK_REFUTED_CORRECTION);
+    const bool elsewhere = e.inliers >= options.min_inliers && !(e.correction <= ICLK_REFUTED_CORRECTION);
     return end(Status::diverged, e.guessed || !(disagree || elsewhere));
   }
   if (!usable(e.pose_status)) {

@@ -36,7 +36,8 @@ using uint = uint32_t;
 #define ICLK_LEAST_WIDTH 0.02
 // If a smaller share of the aligned features agrees with a pose from a search, they refute it.
 #define ICLK_REFUTED_SHARE 0.68
-// A pose that the features do not confirm is also refuted if those that agree move it further than this: px, median.
+// A pose that the features do not confirm is also refuted if RefinerOptions::min_inliers of them agree on one that is further
+// away than this: px, median over the features.
 #define ICLK_REFUTED_CORRECTION 1.0
 // If at least this share of them agrees, RefinerOptions::min_clear_share is enough.
 #define ICLK_CLEAR_AGREEMENT 0.9

@@ -131,7 +131,7 @@ void main() {
     } else if (state.inliers < needed) {
       status = DIVERGED;
       bool disagree = counts.z >= float(needed) && float(state.inliers) < ICLK_REFUTED_SHARE * counts.z;
-      bool elsewhere = !is_finite(moved) || moved > ICLK_REFUTED_CORRECTION;
+      bool elsewhere = state.inliers >= push.min_inliers && (!is_finite(moved) || moved > ICLK_REFUTED_CORRECTION);
       compatible = pair.search == 0u || !(disagree || elsewhere);
     } else if (pose_status > MAX_ITERATIONS) {
       status = pose_status;

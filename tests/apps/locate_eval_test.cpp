@@ -56,13 +56,13 @@ TEST(MapDefects, MissingHousesOnlyLowerTheGround) {
   for (size_t i = 0; i < map.height.size(); ++i) EXPECT_LE(map.height[i], before.height[i]);
 }
 
-// Light moves what woods look like: grey values and learned maps agree on a pose that is 2 m off.
+// Light moves what woods look like: grey values and learned maps agree on a pose that is 3 m off.
 TEST(LocateEval, WoodsUnderAnotherSunAreNotClaimed) {
   ICLK_NEED_DEVICE();
   LocateEvalOptions options;
   options.locator.session.model_folders = {ICLK_SOURCE_DIR "/models"};  // of the tree: nothing is installed here
   options.frames = options.maps = 1;
-  options.seed = 601;
+  options.seed = 627;
   options.season = true;
   options.metres = 10, options.degrees = 5;
   const LocateSample sample = run_locate_eval(options, {}).methods[0].samples[0];
