@@ -51,6 +51,7 @@ struct RefinerOptions {
   /// If too few features are found to confirm or refute a pose on which ICLK converged, keep ICLK's pose, covariance and
   /// status. Useful with learned models, whose maps may agree where grey values do not. In the classical mode both use grey
   /// values, so an unconfirmed pose should not be claimed.
+  /// A smaller share of the features confirms such a pose if they find it again within 1 px (docs/explain/verdict.md).
   bool keep_unconfirmed = false;
 
   /// Throws Error(invalid_argument) that names the value and its range.

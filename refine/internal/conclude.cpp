@@ -96,6 +96,7 @@ void doubt_depths(const View& view, const PoseOptions& options, RefinedAlignment
 /// pose.
 bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, bool guessed, RefinedAlignment& r) {
   Evidence e;
+  e.credible = options.keep_unconfirmed && usable(r.iclk.status);
   e.guessed = guessed;
   const Shown s = shown(view, r.features, pose.T_10);
   e.visible = s.visible;

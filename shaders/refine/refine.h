@@ -39,6 +39,11 @@ using uint = uint32_t;
 // A pose that the features do not confirm is also refuted if RefinerOptions::min_inliers of them agree on one that is further
 // away than this: px, median over the features.
 #define ICLK_REFUTED_CORRECTION 1.0
+// A learned model and the features find their poses from different evidence. If these are closer than that, a smaller share of
+// the features with texture is enough. Features that agree by chance have residuals of 0.7 px and more.
+#define ICLK_AGAIN_SHARE 0.15
+#define ICLK_AGAIN_AGREEMENT 0.55  // of the aligned features
+#define ICLK_AGAIN_SIGMA 0.6       // px
 // If at least this share of them agrees, RefinerOptions::min_clear_share is enough.
 #define ICLK_CLEAR_AGREEMENT 0.9
 

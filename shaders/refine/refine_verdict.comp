@@ -91,6 +91,14 @@ float correction(Pose a, Pose b) {
   return median_of(uint(s[0]));
 }
 
+// Whether the features found the pose of a learned model again.
+bool found_again(RefineState state, uint iclk_status, vec3 counts, float sigma, float moved) {
+  float inliers = float(state.inliers);
+  return push.keep_unconfirmed != 0u && iclk_status <= MAX_ITERATIONS && pair.search != 0u && is_finite(moved) &&
+         moved <= ICLK_REFUTED_CORRECTION && sigma <= ICLK_AGAIN_SIGMA && state.inliers >= push.min_inliers &&
+         inliers >= ICLK_AGAIN_SHARE * counts.y && inliers >= ICLK_AGAIN_AGREEMENT * counts.z;
+}
+
 void main() {
   uint index = gl_WorkGroupID.x;
   begin(index);
@@ -128,7 +136,7 @@ void main() {
     bool compatible = true;
     if (candidates < push.min_inliers && state.inliers < push.min_inliers) {
       status = TOO_FEW_FEATURES;
-    } else if (state.inliers < needed) {
+    } else if (state.inliers < needed && !found_again(state, iclk_status, counts, sigma, moved)) {
       status = DIVERGED;
       bool disagree = counts.z >= float(needed) && float(state.inliers) < ICLK_REFUTED_SHARE * counts.z;
       bool elsewhere = state.inliers >= push.min_inliers && (!is_finite(moved) || moved > ICLK_REFUTED_CORRECTION);

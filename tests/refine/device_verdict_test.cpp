@@ -104,6 +104,14 @@ TEST(DeviceVerdict, FewFeaturesAreEnoughOnlyIfAskedAndIfNearlyAllAgree) {
   }
 }
 
+/// 15 of 60 features are found, at the pose of the alignment.
+Case hidden_but_15(const Scene& scene) {
+  Case c = case_of(scene, 60, 0.1, 0, 1);
+  for (size_t i = 0; i < 45; ++i) c.aligned[i].status = FeatureStatus::bad_match;
+  c.T_10 = scene.T_10;
+  return c;
+}
+
 // Enough were found, and most of them elsewhere: only a first guess may overrule that.
 TEST(DeviceVerdict, FeaturesRefuteAPoseThatWasSearchedFor) {
   ICLK_NEED_DEVICE();
@@ -111,21 +119,34 @@ TEST(DeviceVerdict, FeaturesRefuteAPoseThatWasSearchedFor) {
   Case searched = case_of(scene, 60, 0.1, 0, 1);
   for (size_t i = 0; i < 45; ++i)
     searched.aligned[i].uv1 += Eigen::Vector2d(i % 2 ? 40 : -40, 7.0 * static_cast<double>(i) - 160);
-  Case guessed = searched, unseen = searched;
+  Case guessed = searched;
   guessed.search = false;
-  for (size_t i = 0; i < 45; ++i) unseen.aligned[i].status = FeatureStatus::bad_match;
-  unseen.T_10 = scene.T_10;
-  Case elsewhere = unseen;  // the few that were found agree on a pose 2 px away
+  Case elsewhere = hidden_but_15(scene);  // they agree on a pose 2 px away
   elsewhere.T_10 = elsewhere.T_10 * SE3::exp((Vector6d() << 0, 0, 0, 0.005, 0, 0).finished());
   RefinerOptions options;
   options.keep_unconfirmed = true;
-  const auto outcomes = run({searched, guessed, unseen, elsewhere}, options);
+  const auto outcomes = run({searched, guessed, elsewhere}, options);
   EXPECT_EQ(outcomes[0].info.status, static_cast<uint32_t>(Status::diverged));
   EXPECT_TRUE(outcomes[0].covariance.isZero());
   EXPECT_EQ(outcomes[1].info.status, static_cast<uint32_t>(Status::converged));
-  EXPECT_EQ(outcomes[2].info.status, static_cast<uint32_t>(Status::converged));
-  EXPECT_EQ(outcomes[3].info.status, static_cast<uint32_t>(Status::diverged));
+  EXPECT_EQ(outcomes[2].info.status, static_cast<uint32_t>(Status::diverged));
   for (const Outcome& o : outcomes) EXPECT_EQ(o.info.refined, 0u);
+}
+
+TEST(DeviceVerdict, FewFeaturesThatFindTheSamePoseAsAModelAreEnough) {
+  ICLK_NEED_DEVICE();
+  const Case found = hidden_but_15(test::wide_scene());
+  Case guessed = found, scattered = found, split = found;
+  guessed.search = false;
+  for (size_t i = 45; i < 60; ++i) scattered.aligned[i].uv1 += Eigen::Vector2d(i % 2 ? 0.9 : -0.9, i % 4 < 2 ? 0.9 : -0.9);
+  for (size_t i = 0; i < 13; ++i) split.aligned[i].status = FeatureStatus::aligned, split.aligned[i].uv1.x() += 40;
+  RefinerOptions options;
+  for (const bool model : {false, true}) {
+    options.keep_unconfirmed = model;
+    const auto outcomes = run({found, guessed, scattered, split}, options);
+    EXPECT_EQ(outcomes[0].info.refined, model ? 1u : 0u);
+    for (size_t i = 1; i < outcomes.size(); ++i) EXPECT_EQ(outcomes[i].info.refined, 0u) << i;
+  }
 }
 
 }  // namespace

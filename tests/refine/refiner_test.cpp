@@ -250,6 +250,32 @@ TEST(Verdict, FewFeaturesAreEnoughOnlyIfAskedAndIfNearlyAllAgree) {
   EXPECT_EQ(status(), Status::diverged) << "too few";
 }
 
+TEST(Verdict, FewFeaturesThatFindTheSamePoseAsAModelAreEnough) {
+  internal::Evidence given;  // a pair of summer and autumn
+  given.visible = given.candidates = 200;
+  given.aligned = 50;
+  given.inliers = 30;
+  given.sigma = 0.4;
+  given.correction = 0.8;
+  given.credible = true;
+  given.pose_status = Status::converged;
+  const auto confirmed = [&](auto&& change) {
+    internal::Evidence e = given;
+    change(e);
+    return internal::judge(e, {}, {}, {}).status == Status::converged;
+  };
+  EXPECT_TRUE(confirmed([](internal::Evidence&) {}));
+  EXPECT_FALSE(confirmed([](internal::Evidence& e) { e.credible = false; })) << "both poses are of grey values";
+  EXPECT_FALSE(confirmed([](internal::Evidence& e) { e.guessed = true; }));
+  EXPECT_FALSE(confirmed([](internal::Evidence& e) { e.inliers = 26; })) << "half of them agree by chance";
+  EXPECT_FALSE(confirmed([](internal::Evidence& e) { e.aligned = e.inliers = 29; })) << "too few";
+  EXPECT_FALSE(confirmed([](internal::Evidence& e) { e.candidates = 57, e.inliers = e.aligned = 9; })) << "too few";
+  for (const double bad : {1.1, std::nan("")}) {
+    EXPECT_FALSE(confirmed([&](internal::Evidence& e) { e.correction = bad; })) << "another pose";
+    EXPECT_FALSE(confirmed([&](internal::Evidence& e) { e.sigma = bad; })) << "agreement by chance";
+  }
+}
+
 TEST_F(Refine, WhereNoFeatureIsFoundIclkStandsIfAsked) {
   RefinerOptions options;
   const auto refined = [&] {
