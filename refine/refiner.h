@@ -89,6 +89,7 @@ struct RefinedAlignment {
   Status status = Status::diverged;  ///< the final status, after all stages
   std::string reason;                ///< explains the status, with the numbers that decided it
   bool refined = false;              ///< true: pose and covariance are from the refinement; false: from ICLK
+  bool found_again = false;          ///< the features found the pose of a learned model again (docs/explain/verdict.md)
   Recolouring recolouring;           ///< of the target in the rounds after the first
   /// The stages that ran, in order, one entry per name: the pose of the last round, the time of all rounds.
   std::vector<Stage> stages;

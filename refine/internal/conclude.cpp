@@ -117,6 +117,7 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   r.status = verdict.status;
   r.reason = std::move(verdict.reason);
   if (!usable(r.status)) return verdict.compatible;
+  r.found_again = found_again(e, options);
   if (!guessed) doubt_depths(view, options.pose, r);
   return usable(r.status);
 }

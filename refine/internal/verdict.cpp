@@ -7,16 +7,12 @@
 #include <iclk/shaders/refine/refine.h>
 
 namespace iclk::internal {
-namespace {
 
-/// Whether the features found the pose of the alignment again.
 bool found_again(const Evidence& e, const RefinerOptions& options) {
-  return !e.guessed && e.correction <= ICLK_REFUTED_CORRECTION && e.sigma <= ICLK_AGAIN_SIGMA &&
+  return e.credible && !e.guessed && e.correction <= ICLK_REFUTED_CORRECTION && e.sigma <= ICLK_AGAIN_SIGMA &&
          e.inliers >= std::max<double>(options.min_inliers, ICLK_AGAIN_SHARE * e.candidates) &&
          e.inliers >= ICLK_AGAIN_AGREEMENT * e.aligned;
 }
-
-}  // namespace
 
 Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const Recolouring& recolouring,
               const RefinerOptions& options) {
@@ -30,7 +26,7 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   const bool clear = e.inliers >= ICLK_CLEAR_AGREEMENT * e.aligned;
   const double share = clear ? std::min(options.min_clear_share, options.min_inlier_share) : options.min_inlier_share;
   const int needed = std::max(options.min_inliers, static_cast<int>(std::ceil(share * e.candidates)));
-  if (e.inliers < needed && !(e.credible && found_again(e, options))) {
+  if (e.inliers < needed && !found_again(e, options)) {
     why << "the features do not confirm the pose: " << e.inliers << " of " << e.candidates
         << " with texture inside the target agree on it, " << needed << " needed; " << summary(features);
     // Enough features were found to confirm the pose, but they do not, or those that agree have another pose. With a first

@@ -25,6 +25,9 @@ struct Verdict {
   bool compatible = true;  ///< false: the features contradict ICLK's pose
 };
 
+/// Whether the features found the pose of a learned model again.
+bool found_again(const Evidence& evidence, const RefinerOptions& options);
+
 /// The verdict on alignment and refinement. shaders/refine/refine_verdict.comp applies the same rules.
 Verdict judge(const Evidence& evidence, std::span<const AlignedFeature> features, const Recolouring& recolouring,
               const RefinerOptions& options);

@@ -276,6 +276,13 @@ TEST(Verdict, FewFeaturesThatFindTheSamePoseAsAModelAreEnough) {
   }
 }
 
+TEST_F(Refine, FindingTheSamePoseCountsForModelsAlone) {
+  RefinerOptions options;
+  EXPECT_FALSE(Refiner(*aligner, options).align(pair()).found_again);
+  options.keep_unconfirmed = true;  // as with a model
+  EXPECT_TRUE(Refiner(*aligner, options).align(pair()).found_again);
+}
+
 TEST_F(Refine, WhereNoFeatureIsFoundIclkStandsIfAsked) {
   RefinerOptions options;
   const auto refined = [&] {
