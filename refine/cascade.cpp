@@ -38,7 +38,7 @@ constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contra
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
 
 /// A pair that is aligned in several ways needs clearer evidence, because one of them may agree by chance. Blur also removes
-/// texture, so that few features speak. A learned model that found the same pose is such evidence.
+/// texture, so that few features speak. A learned model with the same pose is such evidence.
 void doubt(RefinedAlignment& r) {
   constexpr double kOfAligned = 0.8, kOfVisible = 0.2;  // share of the features that agree
   if (rank(r) < 2 || r.found_again || (r.inliers >= kOfAligned * r.aligned && r.inliers >= kOfVisible * r.visible)) return;
