@@ -1,5 +1,6 @@
 #include "apps/eval/report.h"
 
+#include <algorithm>
 #include <cmath>
 #include <map>
 
@@ -45,8 +46,15 @@ std::string spread_cells(const Spread3& s) {
   return formatted(" %8s %8s %8s |", cell(s.mean).c_str(), cell(s.median).c_str(), cell(s.p95).c_str());
 }
 
-std::string stage_line(const StageRow& row, bool with_paper) {
-  std::string out = formatted("%-20s %6d |", row.stage.c_str(), row.ran);
+/// The width of the column of the methods and their stages.
+int name_width(const EvalBlock& block) {
+  size_t width = 20;
+  for (const MethodSamples& method : block.methods) width = std::max(width, method.method.size());
+  return static_cast<int>(width);
+}
+
+std::string stage_line(const StageRow& row, int width, bool with_paper) {
+  std::string out = formatted("%-*s %6d |", width, row.stage.c_str(), row.ran);
   out += spread_cells(row.e_pixel) + spread_cells(row.e_transl) + spread_cells(row.e_rot);
   out += formatted(" %6s %6s |", percent(row.within_1px).c_str(), percent(row.within_3px).c_str());
   const auto paper = kPaperRows.find(row.stage);
@@ -56,22 +64,23 @@ std::string stage_line(const StageRow& row, bool with_paper) {
 }
 
 std::string block_table(const EvalBlock& block) {
-  std::string out = formatted("%-20s %6s | %-26s | %-26s | %-26s | %-13s | %s\n", "", "", "error [px]", "translation [m]",
-                              "rotation [rad]", "share [%]", "paper, mean");
-  out += formatted("%-20s %6s |", "stage", "ran");
+  const int width = name_width(block);
+  std::string out = formatted("%-*s %6s | %-26s | %-26s | %-26s | %-13s | %s\n", width, "", "", "error [px]",
+                              "translation [m]", "rotation [rad]", "share [%]", "paper, mean");
+  out += formatted("%-*s %6s |", width, "stage", "ran");
   for (int i = 0; i < 3; ++i) out += formatted(" %8s %8s %8s |", "mean", "median", "95 %");
   out += formatted(" %6s %6s | %6s %6s %7s\n", "< 1 px", "< 3 px", "px", "m", "rad");
   for (const MethodSamples& method : block.methods) {
     const std::vector<StageRow> rows = stage_rows(method.samples);
     const bool first = &method == &block.methods.front();
-    for (size_t i = first ? 0 : 1; i < rows.size(); ++i) out += stage_line(rows[i], first);
+    for (size_t i = first ? 0 : 1; i < rows.size(); ++i) out += stage_line(rows[i], width, first);
   }
-  out += formatted("\n%-20s %6s %7s %7s %7s | %9s %7s %7s %7s | %9s\n", "", "claims", "wrong", "share", "px", "with cov.",
-                   "NEES", "median", "in 95 %", "ms");
+  out += formatted("\n%-*s %6s %7s %7s %7s | %9s %7s %7s %7s | %9s\n", width, "", "claims", "wrong", "share", "px",
+                   "with cov.", "NEES", "median", "in 95 %", "ms");
   for (const MethodSamples& method : block.methods) {
     const ClaimRow c = claim_row(method.samples);
     const double wrong = c.claimed > 0 ? static_cast<double>(c.wrong) / c.claimed : NAN;
-    out += formatted("%-20s %6d %7d %6s%% %7s |", method.method.c_str(), c.claimed, c.wrong, percent(wrong).c_str(),
+    out += formatted("%-*s %6d %7d %6s%% %7s |", width, method.method.c_str(), c.claimed, c.wrong, percent(wrong).c_str(),
                      cell(c.e_pixel).c_str());
     if (c.with_covariance > 0)
       out += formatted(" %9d %7s %7s %6s%% |", c.with_covariance, cell(c.nees).c_str(), cell(c.nees_median).c_str(),
@@ -85,13 +94,16 @@ std::string block_table(const EvalBlock& block) {
 
 /// Many appearances: what is left in the end.
 std::string short_table(const EvalReport& report) {
-  std::string out = formatted("%-20s %-20s | %8s %8s %8s | %6s %6s | %6s %6s\n", "appearance", "method", "px, mean", "median",
-                              "95 %", "< 1 px", "< 3 px", "claims", "wrong");
+  int width = 0;
+  for (const EvalBlock& block : report.blocks) width = std::max(width, name_width(block));
+  std::string out = formatted("%-20s %-*s | %8s %8s %8s | %6s %6s | %6s %6s\n", "appearance", width, "method", "px, mean",
+                              "median", "95 %", "< 1 px", "< 3 px", "claims", "wrong");
   for (const EvalBlock& block : report.blocks)
     for (const MethodSamples& method : block.methods) {
       const StageRow row = stage_rows(method.samples).back();
       const ClaimRow c = claim_row(method.samples);
-      out += formatted("%-20s %-20s |", to_text(block.appearance).c_str(), method.method.c_str()) + spread_cells(row.e_pixel);
+      out += formatted("%-20s %-*s |", to_text(block.appearance).c_str(), width, method.method.c_str()) +
+             spread_cells(row.e_pixel);
       out += formatted(" %6s %6s | %6d %6d\n", percent(row.within_1px).c_str(), percent(row.within_3px).c_str(), c.claimed,
                        c.wrong);
     }
