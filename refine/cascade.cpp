@@ -13,6 +13,7 @@
 #include <iclk/refine/internal/blur.h>
 #include <iclk/refine/internal/rounds.h>
 #include <iclk/refine/internal/uncertainty.h>
+#include <iclk/refine/internal/verdict.h>
 
 namespace iclk {
 namespace {
@@ -36,17 +37,6 @@ constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contra
 
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
-
-/// A pair that is aligned in several ways needs clearer evidence, because one of them may agree by chance. Blur also removes
-/// texture, so that few features speak. A learned model with the same pose is such evidence.
-void doubt(RefinedAlignment& r) {
-  constexpr double kOfAligned = 0.8, kOfVisible = 0.2;  // share of the features that agree
-  if (rank(r) < 2 || r.found_again || (r.inliers >= kOfAligned * r.aligned && r.inliers >= kOfVisible * r.visible)) return;
-  r.status = Status::diverged;
-  r.covariance.setZero();
-  r.reason =
-      "too few features agree for a second look, which needs 80 % of the aligned and 20 % of the visible ones: " + r.reason;
-}
 
 /// Whether an unconfirmed answer from images that were blurred alike is a refinement of the one from the images as they are.
 bool refines(const internal::View& view, const RefinedAlignment& alike, const RefinedAlignment& given) {
@@ -242,7 +232,7 @@ std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<P
   std::vector<RefinedAlignment> answers;
   if (!look.local_contrast) {
     answers = run(look.step, pairs);
-    if (look.gradients) std::for_each(answers.begin(), answers.end(), doubt);
+    if (look.gradients) std::for_each(answers.begin(), answers.end(), internal::judge_second_look);
     return answers;
   }
   const ImageView& image = pairs.front().target;
@@ -254,7 +244,7 @@ std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<P
   }
   for (RefinedAlignment& r : answers) {
     r.reason += "; by local contrast";
-    doubt(r);
+    internal::judge_second_look(r);
   }
   return answers;
 }
@@ -270,7 +260,7 @@ std::optional<RefinedAlignment> Cascade::align_alike(const Look& look, const Pai
                                                      const RefinedAlignment& given) {
   const Changed changed(*this, {&pair, 1}, look.local_contrast, &blur);
   RefinedAlignment answer = run(look.step, changed.pairs).front();
-  doubt(answer);
+  internal::judge_second_look(answer);
   const internal::View view = internal::view_of(*running_[look.step].aligner, pair.reference);
   if (rank(answer) < 2 && !refines(view, answer, given)) return {};
   answer.blur = RefinedAlignment::Blur{blur.reference, blur.target};

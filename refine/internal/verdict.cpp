@@ -52,6 +52,16 @@ Verdict judge(const Evidence& e, std::span<const AlignedFeature> features, const
   return end(e.pose_status);
 }
 
+void judge_second_look(RefinedAlignment& r) {
+  constexpr double kOfAligned = 0.8, kOfVisible = 0.2;  // share of the features that agree
+  if (!r.converged() || !r.refined || r.found_again) return;
+  if (r.inliers >= kOfAligned * r.aligned && r.inliers >= kOfVisible * r.visible) return;
+  r.status = Status::diverged;
+  r.covariance.setZero();
+  r.reason =
+      "too few features agree for a second look, which needs 80 % of the aligned and 20 % of the visible ones: " + r.reason;
+}
+
 std::string inliers_text(int inliers, int used, const PoseOptions& options) {
   std::ostringstream text;
   text << inliers << " of " << used << " features within " << options.inlier_distance << " px";

@@ -32,6 +32,11 @@ bool found_again(const Evidence& evidence, const RefinerOptions& options);
 Verdict judge(const Evidence& evidence, std::span<const AlignedFeature> features, const Recolouring& recolouring,
               const RefinerOptions& options);
 
+/// The verdict on a pair that is aligned in another way. It refuses answers that too few features confirm, because one of
+/// several ways may agree by chance. Blur also removes texture, so that few features speak. A learned model with the same
+/// pose is evidence enough.
+void judge_second_look(RefinedAlignment& answer);
+
 /// For example "38 of 50 features within 1.5 px".
 std::string inliers_text(int inliers, int used, const PoseOptions& options);
 

@@ -3,6 +3,7 @@
 #include <iclk/align/cpu/cpu_aligner.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/cascade.h>
+#include <iclk/refine/internal/verdict.h>
 
 #include "../support/relief.h"
 
@@ -197,6 +198,25 @@ TEST_F(Cascaded, WhatCannotBeMadeIsAnError) {
   EXPECT_TRUE(later.align(near)[0].converged());
   EXPECT_THROW(later.align(far), Error);
   EXPECT_TRUE(later.align(near)[0].converged()) << "and nothing is broken by it";
+}
+
+TEST(SecondLook, NeedsClearEvidence) {
+  const auto refused = [](int inliers, int aligned, int visible, bool refined = true, bool found_again = false) {
+    RefinedAlignment r;
+    r.status = Status::converged;
+    r.covariance.setIdentity();
+    r.inliers = inliers, r.aligned = aligned, r.visible = visible, r.refined = refined, r.found_again = found_again;
+    internal::judge_second_look(r);
+    EXPECT_EQ(r.converged(), r.reason.empty()) << r.reason;
+    EXPECT_NE(r.converged(), r.covariance.isZero());
+    return !r.converged();
+  };
+  EXPECT_FALSE(refused(80, 100, 200));
+  EXPECT_TRUE(refused(79, 100, 200)) << "a fifth of the aligned features has another pose";
+  EXPECT_FALSE(refused(40, 40, 200));
+  EXPECT_TRUE(refused(39, 39, 200)) << "most features say nothing";
+  EXPECT_FALSE(refused(39, 70, 200, true, true)) << "a learned model has the same pose";
+  EXPECT_FALSE(refused(0, 0, 200, false)) << "a model's own claim, without features";
 }
 
 }  // namespace
