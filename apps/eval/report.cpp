@@ -65,8 +65,8 @@ std::string stage_line(const StageRow& row, int width, bool with_paper) {
 
 std::string block_table(const EvalBlock& block) {
   const int width = name_width(block);
-  std::string out = formatted("%-*s %6s | %-26s | %-26s | %-26s | %-13s | %s\n", width, "", "", "error [px]",
-                              "translation [m]", "rotation [rad]", "share [%]", "paper, mean");
+  std::string out = formatted("%-*s %6s | %-26s | %-26s | %-26s | %-13s | %s\n", width, "", "", "error [px]", "translation [m]",
+                              "rotation [rad]", "share [%]", "paper, mean");
   out += formatted("%-*s %6s |", width, "stage", "ran");
   for (int i = 0; i < 3; ++i) out += formatted(" %8s %8s %8s |", "mean", "median", "95 %");
   out += formatted(" %6s %6s | %6s %6s %7s\n", "< 1 px", "< 3 px", "px", "m", "rad");
@@ -75,8 +75,8 @@ std::string block_table(const EvalBlock& block) {
     const bool first = &method == &block.methods.front();
     for (size_t i = first ? 0 : 1; i < rows.size(); ++i) out += stage_line(rows[i], width, first);
   }
-  out += formatted("\n%-*s %6s %7s %7s %7s | %9s %7s %7s %7s | %9s\n", width, "", "claims", "wrong", "share", "px",
-                   "with cov.", "NEES", "median", "in 95 %", "ms");
+  out += formatted("\n%-*s %6s %7s %7s %7s | %9s %7s %7s %7s | %9s\n", width, "", "claims", "wrong", "share", "px", "with cov.",
+                   "NEES", "median", "in 95 %", "ms");
   for (const MethodSamples& method : block.methods) {
     const ClaimRow c = claim_row(method.samples);
     const double wrong = c.claimed > 0 ? static_cast<double>(c.wrong) / c.claimed : NAN;
