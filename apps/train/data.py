@@ -94,6 +94,19 @@ class PairSet:
         except (OSError, ValueError, KeyError):
             pass
 
+    def measure_motion(self):
+        """How far the cameras of the set move: largest component of rotation, rad, and of translation x mean inverse depth,
+        that 95 % of the pairs keep to. Every pair has it afterwards."""
+        rotations = [np.abs(cv2.Rodrigues(p['R'])[0]).max() for p in self.pairs]
+        translations = []
+        for p in self.pairs[::-(-len(self.pairs) // 64)]:
+            depth = read_pair(p)[1]
+            if not (depth > 0).any():
+                raise InputError(f'depth {p["depth"]}: no pixel has depth; take its line out of the manifest')
+            translations.append(np.abs(p['t']).max() * (1 / depth[depth > 0]).mean())
+        for p in self.pairs:
+            p['motion'] = float(np.quantile(rotations, 0.95)), float(np.quantile(translations, 0.95))
+
 
 def refuse_shared_images(sets, tests):
     """A test on what was trained on proves nothing. Files are told apart by what is in them."""
@@ -171,19 +184,6 @@ def split(sets, share):
     return in_random_order(training), in_random_order(validation)  # the first ones are of all sets
 
 
-def motion(pairs):
-    """How far cameras move: largest component of rotation, rad, and of translation x mean inverse depth, that 95 % of the
-    pairs keep to."""
-    rotations = [np.abs(cv2.Rodrigues(p['R'])[0]).max() for p in pairs]
-    translations = []
-    for p in pairs[::-(-len(pairs) // 128)]:  # sets of very different depths may be mixed
-        depth = read_pair(p)[1]
-        if not (depth > 0).any():
-            raise InputError(f'depth {p["depth"]}: no pixel has depth; take its line out of the manifest')
-        translations.append(np.abs(p['t']).max() * (1 / depth[depth > 0]).mean())
-    return float(np.quantile(rotations, 0.95)), float(np.quantile(translations, 0.95))
-
-
 # ----------------------------------------------------------------------------- samples
 def draw_features(depth, count, border, rng, name):
     """Random pixels whose patch has depth within 5 %, else any with depth; uv (count, 2), q (count). Fewer are repeated: what
@@ -238,7 +238,7 @@ def make_sample(pair, recipe, rng, variant, centred):
     levels = len(recipe['model']['encoder_channels'])
     sample = {'images': np.stack(images).transpose(0, 3, 1, 2), 'camera': camera, 'uv': uv, 'q': q,
               'R': pair['R'], 't': pair['t'], 'points': (rays * z[..., None]).reshape(-1, 3), 'valid': z.reshape(-1) > 0,
-              'start': rng.uniform(-1, 1, (levels, 6)), 'identity': rng.uniform()}
+              'motion': pair['motion'], 'start': rng.uniform(-1, 1, (levels, 6)), 'identity': rng.uniform()}
     return {key: torch.from_numpy(np.array(value, dtype=np.float32)) for key, value in sample.items()}
 
 

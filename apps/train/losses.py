@@ -112,14 +112,15 @@ def identity(batch):
     return torch.eye(3, dtype=x.dtype, device=x.device).repeat(B, 1, 1), torch.zeros(B, 3, dtype=x.dtype, device=x.device)
 
 
-def start_pose(batch, level, levels, motion, recipe):
+def start_pose(batch, level, levels, recipe):
     """The truth, moved by as much as a level must mend: 1/16 of 1.5 times the set's motion on the finest, twice that on the
     next. The coarsest one starts from no motion, as alignments do, or from the truth moved by a part of the set's motion."""
     loss, coarsest = recipe['loss'], level == levels - 1
     share = loss['coarse_motion'] if coarsest else 1.5 * 2.0 ** (level - 4)
     inverse_depth = batch['q'].mean(1, keepdim=True)
     noise = batch['start'][:, level] * share
-    xi = torch.cat([noise[:, :3] * motion[1] / inverse_depth, noise[:, 3:] * motion[0]], 1)
+    rotation, translation = batch['motion'].split(1, dim=1)
+    xi = torch.cat([noise[:, :3] * translation / inverse_depth, noise[:, 3:] * rotation], 1)
     R, t = move(batch['R'], batch['t'], xi)
     if coarsest:
         still = batch['identity'] < loss['coarse_identity']
@@ -128,7 +129,7 @@ def start_pose(batch, level, levels, motion, recipe):
     return R, t
 
 
-def recipe_loss(network, batch, motion, recipe):
+def recipe_loss(network, batch, recipe):
     """A number a sample."""
     maps0, maps1 = maps_of(network, batch)
     levels, weight_map, total = len(maps0), None, 0
@@ -136,7 +137,7 @@ def recipe_loss(network, batch, motion, recipe):
     each_level = recipe['loss']['kind'] == 'each_level'
     for level in reversed(range(levels)):
         if each_level:
-            R, t = start_pose(batch, level, levels, motion, recipe)
+            R, t = start_pose(batch, level, levels, recipe)
             weight_map = None if weight_map is None else weight_map.detach()
         poses, weight_map = iterate(network, maps0, maps1, batch, level, R, t, weight_map, recipe)
         if each_level:

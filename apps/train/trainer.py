@@ -10,7 +10,7 @@ import torch
 
 import curves
 import losses
-from data import FixedBatches, PairSet, TrainingBatches, epoch_samples, mixed, motion, refuse_shared_images, split
+from data import FixedBatches, PairSet, TrainingBatches, epoch_samples, mixed, refuse_shared_images, split
 from files import write_text
 from network import TrainedNetwork, export, take_model
 from recipe import InputError, difference
@@ -36,6 +36,8 @@ class Trainer:
         self.folder = RunFolder(out)
         sets, validation_sets, tests = ([PairSet(path) for path in paths] for paths in (sets, validation_sets, tests))
         refuse_shared_images(sets, [*validation_sets, *tests])
+        for s in (*sets, *validation_sets, *tests):
+            s.measure_motion()
         if validation_sets:
             self.training, validation = mixed(sets), in_turn(validation_sets)
         else:
@@ -46,7 +48,6 @@ class Trainer:
         self.data = {'hash': hashlib.sha256(repr(all_pairs).encode()).hexdigest(), 'training': len(self.training),
                      'validation': len(validation), 'test': len(fixed['test']), 'about': ', '.join(s.about for s in sets),
                      'left_out': sum(len(s.pairs) for s in sets + validation_sets) - len(self.training) - len(validation)}
-        self.motion = motion(self.training)
         batch, schedule = recipe['data']['batch'], recipe['schedule']
         self.epoch_steps = epoch_samples(self.training, recipe) / batch
         validation_epochs = recipe['validation']['epochs']
@@ -131,7 +132,7 @@ class Trainer:
         all_losses, pixels = [], []
         for batch in self.loader(self.fixed[part], range(len(self.fixed[part]))):
             batch = self.on_device(batch)
-            all_losses.append(losses.recipe_loss(network, batch, self.motion, self.recipe).cpu())
+            all_losses.append(losses.recipe_loss(network, batch, self.recipe).cpu())
             pixels.append(losses.final_errors(network, batch, self.recipe).cpu())
         px = torch.cat(pixels).numpy()
         return {'loss': float(torch.cat(all_losses).mean()), 'median_px': float(np.median(px)), 'mean_px': float(px.mean()),
@@ -179,7 +180,7 @@ class Trainer:
             group['lr'] = self.learning_rate()
         self.optimizer.zero_grad(set_to_none=True)
         self.network.train()
-        loss = losses.recipe_loss(self.network, self.on_device(batch), self.motion, self.recipe).mean()
+        loss = losses.recipe_loss(self.network, self.on_device(batch), self.recipe).mean()
         loss.backward()
         clip = self.recipe['optimizer']['clip']
         norm = float(torch.nn.utils.clip_grad_norm_(self.network.parameters(), clip if clip > 0 else math.inf))

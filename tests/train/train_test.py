@@ -253,7 +253,8 @@ class Training(unittest.TestCase):
 
     def test_derivatives_are_those_of_differences(self):
         settings = recipe.load(self.recipe, ['loss.step_bound=0'])
-        batch = make_sample(PairSet(self.set).pairs[0], settings, np.random.default_rng(0), 0, True)
+        pair = {**PairSet(self.set).pairs[0], 'motion': (0.08, 0.04)}
+        batch = make_sample(pair, settings, np.random.default_rng(0), 0, True)
         batch = {key: x[None].double() for key, x in batch.items()}
         network = self.network().double()
         for kind in ('each_level', 'unrolled'):
@@ -261,7 +262,7 @@ class Training(unittest.TestCase):
             weight = network.levels[1][0][0].weight
 
             def loss():
-                return losses.recipe_loss(network, batch, (0.08, 0.04), settings).sum()
+                return losses.recipe_loss(network, batch, settings).sum()
             network.zero_grad()
             loss().backward()
             direction, size = weight.grad / weight.grad.norm(), float(weight.grad.norm())
@@ -271,6 +272,20 @@ class Training(unittest.TestCase):
                     weight += sign * 1e-6 * direction
                     ends.append(float(loss()))
             self.assertAlmostEqual((ends[0] - ends[1]) / 2e-6, size, delta=0.01 * size, msg=kind)
+
+    def test_a_set_that_moves_far_leaves_the_starts_of_another(self):
+        near, far = (PairSet(self.set) for _ in range(2))
+        for pair in far.pairs:
+            pair['t'] = 20 * pair['t']
+        starts = []
+        for s in (near, far):
+            s.measure_motion()
+            s.pairs[0]['R'], s.pairs[0]['t'] = np.eye(3), np.zeros(3)
+            settings = recipe.load(self.recipe)
+            batch = make_sample(s.pairs[0], settings, np.random.default_rng(0), 0, True)
+            starts.append(losses.start_pose({k: x[None] for k, x in batch.items()}, 0, 3, settings))
+        torch.testing.assert_close(starts[1][1], 20 * starts[0][1], rtol=0.1, atol=0)
+        torch.testing.assert_close(starts[1][0], starts[0][0], rtol=0.1, atol=1e-3)
 
     def test_another_recipe_or_other_pairs_are_refused(self):
         out = ['--out', self.file('whole')]
