@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include <iclk/align/common/each.h>
 #include <iclk/align/common/input.h>
@@ -11,21 +12,25 @@ namespace {
 
 using Eigen::Vector2d;
 
-constexpr int kDirections = Gradients::kDirections, kSide = Gradients::kSide, kNumbers = Gradients::kNumbers;
-constexpr int kCell = 3;                              // pixels of the map
-constexpr int kStep = 2;                              // pixels of the map between the places that are compared first
-constexpr double kReach = 0.5 * (kSide - 1) * kCell;  // from the middle of a patch to that of its last cells
-constexpr int kApart = 16;                            // pixels of the map; nearer places belong to one peak
+using Patch = Gradients::Patch;
+
+constexpr int kDirections = Gradients::kDirections;
+constexpr int kCell = 3;    // pixels of the map
+constexpr int kStep = 2;    // pixels of the map between the places that are compared first
+constexpr int kApart = 16;  // pixels of the map; nearer places belong to one peak
 constexpr int kHypotheses = 1024;
 constexpr double kShare = 0.08;      // of the correspondences, which must agree with a start
 constexpr float kLeastNorm = 1e-3f;  // of a descriptor with texture
-using Basis = Eigen::Matrix<float, kNumbers, kSide * kSide * kDirections>;
+
+/// From the middle of a patch to that of its last cells.
+double reach(const Patch& patch) { return 0.5 * (patch.side - 1) * kCell; }
 
 /// Cosines over both sides of the patch, Fourier series over the directions: the products of the lowest frequencies but the
 /// mean. As in MatchDescriptor, each is weighted by the root of its frequency.
-Basis make_basis() {
-  const auto side = [](int frequency, int at) {
-    return std::sqrt((frequency == 0 ? 1.0 : 2.0) / kSide) * std::cos(M_PI * (at + 0.5) * frequency / kSide);
+Eigen::MatrixXf make_basis(const Patch& patch) {
+  const int n = patch.side;
+  const auto side = [n](int frequency, int at) {
+    return std::sqrt((frequency == 0 ? 1.0 : 2.0) / n) * std::cos(M_PI * (at + 0.5) * frequency / n);
   };
   // 1, cos, sin, cos 2, sin 2, cos 3, sin 3, cos 4
   const auto turn = [](int number, int at) {
@@ -36,16 +41,16 @@ Basis make_basis() {
     int squared, i, j, number;
   };
   std::vector<Wave> waves;
-  for (int i = 0; i < kSide; ++i)
-    for (int j = 0; j < kSide; ++j)
-      for (int n = 0; n < kDirections; ++n) waves.push_back({i * i + j * j + (n + 1) / 2 * ((n + 1) / 2), i, j, n});
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j)
+      for (int k = 0; k < kDirections; ++k) waves.push_back({i * i + j * j + (k + 1) / 2 * ((k + 1) / 2), i, j, k});
   std::stable_sort(waves.begin(), waves.end(), [](const Wave& a, const Wave& b) { return a.squared < b.squared; });
-  Basis basis;
-  for (int row = 0; row < kNumbers; ++row) {
+  Eigen::MatrixXf basis(patch.numbers, n * n * kDirections);
+  for (int row = 0; row < patch.numbers; ++row) {
     const Wave& w = waves[static_cast<size_t>(row + 1)];  // the first one is the mean
     for (int k = 0; k < basis.cols(); ++k)
-      basis(row, k) = static_cast<float>(std::pow(w.squared, 0.25) * side(w.i, k / (kSide * kDirections)) *
-                                         side(w.j, k / kDirections % kSide) * turn(w.number, k % kDirections));
+      basis(row, k) = static_cast<float>(std::pow(w.squared, 0.25) * side(w.i, k / (n * kDirections)) *
+                                         side(w.j, k / kDirections % n) * turn(w.number, k % kDirections));
   }
   return basis;
 }
@@ -65,10 +70,10 @@ Eigen::Array<float, kDirections, 1> by_direction(float gu, float gv) {
   return (along.square() / squared).square().square() * std::sqrt(squared);
 }
 
-std::vector<Vector2d> places(const Gradients& target, int step) {
+std::vector<Vector2d> places(const Gradients& target, double border) {
   std::vector<Vector2d> all;
-  for (double v = kReach; v <= target.height() - 1 - kReach; v += step)
-    for (double u = kReach; u <= target.width() - 1 - kReach; u += step) all.emplace_back(u, v);
+  for (double v = border; v <= target.height() - 1 - border; v += kStep)
+    for (double u = border; u <= target.width() - 1 - border; u += kStep) all.emplace_back(u, v);
   return all;
 }
 
@@ -84,12 +89,13 @@ std::pair<size_t, float> best_place(const Eigen::Ref<const Eigen::VectorXf>& sco
 }
 
 /// The best position near a place, to a fraction of a pixel of the map.
-Vector2d refined(const Gradients& target, const Eigen::Matrix<float, kNumbers, 1>& descriptor, const Vector2d& place) {
+Vector2d refined(const Gradients& target, const Eigen::Ref<const Eigen::VectorXf>& descriptor, const Patch& patch,
+                 const Vector2d& place) {
   constexpr int kWide = 2 * kStep + 1;
   std::vector<Vector2d> near;
   for (int v = -kStep; v <= kStep; ++v)
     for (int u = -kStep; u <= kStep; ++u) near.push_back(place + Vector2d(u, v));
-  const Eigen::VectorXf scores = target.describe(near).transpose() * descriptor;
+  const Eigen::VectorXf scores = target.describe(near, patch).transpose() * descriptor;
   Eigen::Index best = 0;
   scores.maxCoeff(&best);
   Vector2d at = near[static_cast<size_t>(best)];
@@ -101,8 +107,10 @@ Vector2d refined(const Gradients& target, const Eigen::Matrix<float, kNumbers, 1
 
 }  // namespace
 
-Gradients::Gradients(const Map& grey, int scale, int threads)
+Gradients::Gradients(Map grey, int scale, int threads)
     : width_(grey.width / scale), height_(grey.height / scale), cells_(kDirections, width_ * height_) {
+  for (float& value : grey.data)
+    if (!(value < kHiddenFrom)) value = NAN;
   Cells sums(kDirections, width_ * height_);
   for_each_of(static_cast<size_t>(height_), threads, [&](size_t row) {
     for (int u = 0; u < width_; ++u) {
@@ -127,21 +135,22 @@ Gradients::Gradients(const Map& grey, int scale, int threads)
   });
 }
 
-Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres) const {
-  static const Basis basis = make_basis();
-  Eigen::Matrix<float, kSide * kSide * kDirections, Eigen::Dynamic> patches(kSide * kSide * kDirections, centres.size());
+Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres, const Patch& patch) const {
+  static const Eigen::MatrixXf small = make_basis(kSmall), large = make_basis(kLarge);
+  const Eigen::MatrixXf& basis = patch.side == kSmall.side ? small : large;
+  Eigen::MatrixXf cells(basis.cols(), centres.size());
   for (size_t k = 0; k < centres.size(); ++k)
-    for (int cell = 0; cell < kSide * kSide; ++cell) {
-      const double u = std::clamp(centres[k].x() - kReach + kCell * (cell % kSide), 0.0, width_ - 1.0);
-      const double v = std::clamp(centres[k].y() - kReach + kCell * (cell / kSide), 0.0, height_ - 1.0);
+    for (int cell = 0; cell < patch.side * patch.side; ++cell) {
+      const double u = std::clamp(centres[k].x() - reach(patch) + kCell * (cell % patch.side), 0.0, width_ - 1.0);
+      const double v = std::clamp(centres[k].y() - reach(patch) + kCell * (cell / patch.side), 0.0, height_ - 1.0);
       const int x = std::min(static_cast<int>(u), width_ - 2), y = std::min(static_cast<int>(v), height_ - 2);
       const auto a = static_cast<float>(u - x), b = static_cast<float>(v - y);
       const Eigen::Index first = y * width_ + x;
-      patches.col(static_cast<Eigen::Index>(k)).segment<kDirections>(cell * kDirections) =
+      cells.col(static_cast<Eigen::Index>(k)).segment<kDirections>(cell * kDirections) =
           (1 - b) * ((1 - a) * cells_.col(first) + a * cells_.col(first + 1)) +
           b * ((1 - a) * cells_.col(first + width_) + a * cells_.col(first + width_ + 1));
     }
-  Descriptors out = basis * patches;
+  Descriptors out = basis * cells;
   for (auto column : out.colwise()) {
     const float norm = column.norm();
     if (norm > kLeastNorm)
@@ -154,8 +163,8 @@ Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres)
 
 std::vector<Correspondence> gradient_correspondences(const Gradients& reference, const Gradients& target,
                                                      const Features& features, std::span<const FeatureCheck> checks,
-                                                     const Camera& camera, double mean_inverse_depth,
-                                                     const MatchLayout& layout) {
+                                                     const Camera& camera, double mean_inverse_depth, const MatchLayout& layout,
+                                                     const Patch& patch) {
   std::vector<size_t> used;
   std::vector<Vector2d> centres;
   for (int match = 0; match < std::min(features.size(), layout.features); ++match) {
@@ -164,16 +173,16 @@ std::vector<Correspondence> gradient_correspondences(const Gradients& reference,
     used.push_back(i);
     centres.emplace_back((features.uv[i].array() + 0.5) / layout.scale - 0.5);
   }
-  const std::vector<Vector2d> at = places(target, kStep);
+  const std::vector<Vector2d> at = places(target, reach(patch));
   std::vector<Correspondence> found;
   if (used.empty() || at.empty()) return found;
-  const Gradients::Descriptors sought = reference.describe(centres), all = target.describe(at);
+  const Gradients::Descriptors sought = reference.describe(centres, patch), all = target.describe(at, patch);
   const Eigen::MatrixXf scores = all.transpose() * sought;
   for (size_t k = 0; k < used.size(); ++k) {
     const auto column = static_cast<Eigen::Index>(k);
     const auto [best, distinct] = best_place(scores.col(column), at);
     if (!(scores(static_cast<Eigen::Index>(best), column) > 0)) continue;
-    const Vector2d place = refined(target, sought.col(column), at[best]);
+    const Vector2d place = refined(target, sought.col(column), patch, at[best]);
     const Eigen::Vector3d point = camera.ray(features.uv[used[k]]) * (mean_inverse_depth / features.inverse_depth[used[k]]);
     found.push_back({point, (place.array() + 0.5) * layout.scale - 0.5, distinct});
   }
@@ -190,10 +199,14 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
   hide(target, pair.target_mask);
   const double mean_q = mean_inverse_depth(reference, checks, false);
   if (!(mean_q > 0)) return {};
-  const auto all =
-      gradient_correspondences(Gradients(grey_map(reference.image), layout.scale, threads),
-                               Gradients(target[0], layout.scale, threads), reference.features, checks, camera, mean_q, layout);
-  return pose_of(all, camera, mean_q, layout, kHypotheses, kShare);
+  const Gradients of_reference(grey_map(reference.image), layout.scale, threads),
+      of_target(std::move(target[0]), layout.scale, threads);
+  for (const Patch& patch : {Gradients::kSmall, Gradients::kLarge}) {
+    const auto all =
+        gradient_correspondences(of_reference, of_target, reference.features, checks, camera, mean_q, layout, patch);
+    if (const auto start = pose_of(all, camera, mean_q, layout, kHypotheses, kShare)) return start;
+  }
+  return {};
 }
 
 }  // namespace iclk::internal

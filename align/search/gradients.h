@@ -14,17 +14,23 @@ namespace iclk::internal {
 /// do not: other leaves, crops, snow and light change how bright ground is, but not where it ends.
 class Gradients {
  public:
-  static constexpr int kDirections = 8, kSide = 4, kNumbers = 64;
-  /// Descriptors, one per column: 64 cosines of 4x4 cells of 8 directions, normalised. Zero without texture.
-  using Descriptors = Eigen::Matrix<float, kNumbers, Eigen::Dynamic>;
+  static constexpr int kDirections = 8;
+  /// A patch has side x side cells. Its descriptor has so many numbers.
+  struct Patch {
+    int side, numbers;
+  };
+  /// Small patches also match where parallax bends large ones. Large ones tell more places apart where seasons differ.
+  static constexpr Patch kSmall{4, 64}, kLarge{6, 128};
+  /// Descriptors, one per column: the lowest cosines of the cells and their directions, normalised. Zero without texture.
+  using Descriptors = Eigen::MatrixXf;
 
   /// Cells are `kCell` squares of `scale` x `scale` pixels wide. NaN pixels have no gradient.
-  Gradients(const Map& grey, int scale, int threads);
+  Gradients(Map grey, int scale, int threads);
 
   int width() const { return width_; }
   int height() const { return height_; }
   /// Of patches around positions in the map, in pixels of the map. Cells beyond its border repeat.
-  Descriptors describe(const std::vector<Eigen::Vector2d>& centres) const;
+  Descriptors describe(const std::vector<Eigen::Vector2d>& centres, const Patch& patch) const;
 
  private:
   /// The square root of the mean gradients in each direction, of the cell around a pixel of the map.
@@ -36,11 +42,12 @@ class Gradients {
 /// correspondences() by gradients, with upright patches.
 std::vector<Correspondence> gradient_correspondences(const Gradients& reference, const Gradients& target,
                                                      const Features& features, std::span<const FeatureCheck> checks,
-                                                     const Camera& camera, double mean_inverse_depth,
-                                                     const MatchLayout& layout);
+                                                     const Camera& camera, double mean_inverse_depth, const MatchLayout& layout,
+                                                     const Gradients::Patch& patch);
 
-/// The start of a pair by gradient_correspondences(), if enough of them agree. It does not use the pair's first guess.
-/// Precondition: the images of the reference and the pair have the size of the reference's camera.
+/// The start of a pair by gradient_correspondences() of small patches, or else of large ones, if enough of them agree. It does
+/// not use the pair's first guess. Precondition: the images of the reference and the pair have the size of the reference's
+/// camera.
 std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
                                       int threads);
 

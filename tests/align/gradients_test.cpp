@@ -46,6 +46,19 @@ TEST(Gradients, FindWhatIsFarAwayInOtherLight) {
   }
 }
 
+TEST(Gradients, TheEdgesOfAMaskAreNoTexture) {
+  const Pairing s(1);
+  std::vector<uint8_t> mask(320 * 240, 255);
+  for (int v = 0; v < 240; ++v)
+    for (int u = 0; u < 320; ++u)
+      if (u % 24 < 4 && v % 24 < 4) mask[static_cast<size_t>(v * 320 + u)] = 0;
+  Pair masked{0, s.image1.view()};
+  masked.target_mask = {mask.data(), 320, 240, 0, PixelFormat::r8};
+  const auto start = s.start(masked);
+  ASSERT_TRUE(start);
+  EXPECT_LT(pixel_error(s.scene, s.features, *start), 4);
+}
+
 TEST(Gradients, ThreadsChangeNothing) {
   const Pairing s(1);
   const auto one = s.start({0, s.image1.view()}), three = s.start({0, s.image1.view()}, 3);
@@ -62,7 +75,9 @@ TEST(Gradients, NothingIsFoundWhereNothingIs) {
   EXPECT_FALSE(s.start({0, nan.view()}));
   Frame one_infinite = s.image1;
   one_infinite.at(160, 120) = INFINITY;
-  EXPECT_TRUE(internal::Gradients(grey_map(one_infinite.view()), 2, 1).describe({{80, 60}, {20, 20}}).allFinite());
+  const internal::Gradients gradients(grey_map(one_infinite.view()), 2, 1);
+  for (const auto& patch : {internal::Gradients::kSmall, internal::Gradients::kLarge})
+    EXPECT_TRUE(gradients.describe({{80, 60}, {20, 20}}, patch).allFinite());
   std::vector<uint8_t> hidden(320 * 240, 0);
   Pair masked{0, s.image1.view()};
   masked.target_mask = {hidden.data(), 320, 240, 0, PixelFormat::r8};
