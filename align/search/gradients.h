@@ -24,7 +24,7 @@ class Gradients {
   /// Descriptors, one per column: the lowest cosines of the cells and their directions, normalised. Zero without texture.
   using Descriptors = Eigen::MatrixXf;
 
-  /// Cells are `kCell` squares of `scale` x `scale` pixels wide. NaN pixels have no gradient.
+  /// Cells are `kCell` squares of `scale` x `scale` pixels wide. Hidden, infinite and NaN pixels have no gradient.
   Gradients(Map grey, int scale, int threads);
 
   int width() const { return width_; }
