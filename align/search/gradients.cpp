@@ -11,7 +11,6 @@ namespace iclk::internal {
 namespace {
 
 using Eigen::Vector2d;
-
 using Patch = Gradients::Patch;
 
 constexpr int kDirections = Gradients::kDirections;

@@ -149,7 +149,9 @@ class Training(unittest.TestCase):
             self.assertIn(text, info.stdout)
         network, settings = self.network(), recipe.load(self.recipe, ['data.appearance=["clean"]'])
         ways = ([], ['--set', 'carry=0'], ['--set', 'carry=1', '--solver', 'device'])
-        for pair, way in zip(PairSet(self.set).pairs[:3], ways):
+        pairs = PairSet(self.set)
+        pairs.measure_motion()
+        for pair, way in zip(pairs.pairs[:3], ways):
             batch = {k: x[None] for k, x in make_sample(pair, settings, np.random.default_rng(0), 0, True).items()}
             features = self.file('features.csv')
             with open(features, 'w', encoding='utf-8') as file:
