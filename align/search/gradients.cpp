@@ -24,36 +24,6 @@ constexpr float kLeastNorm = 1e-3f;  // of a descriptor with texture
 /// From the middle of a patch to that of its last cells.
 double reach(const Patch& patch) { return 0.5 * (patch.side - 1) * kCell; }
 
-/// Cosines over both sides of the patch, Fourier series over the directions: the products of the lowest frequencies but the
-/// mean. As in MatchDescriptor, each is weighted by the root of its frequency.
-Eigen::MatrixXf make_basis(const Patch& patch) {
-  const int n = patch.side;
-  const auto side = [n](int frequency, int at) {
-    return std::sqrt((frequency == 0 ? 1.0 : 2.0) / n) * std::cos(M_PI * (at + 0.5) * frequency / n);
-  };
-  // 1, cos, sin, cos 2, sin 2, cos 3, sin 3, cos 4
-  const auto turn = [](int number, int at) {
-    const double angle = 2 * M_PI * at / kDirections * ((number + 1) / 2), norm = number == 0 || number == 7 ? 1.0 : 2.0;
-    return std::sqrt(norm / kDirections) * (number % 2 == 1 ? std::cos(angle) : number == 0 ? 1.0 : std::sin(angle));
-  };
-  struct Wave {
-    int squared, i, j, number;
-  };
-  std::vector<Wave> waves;
-  for (int i = 0; i < n; ++i)
-    for (int j = 0; j < n; ++j)
-      for (int k = 0; k < kDirections; ++k) waves.push_back({i * i + j * j + (k + 1) / 2 * ((k + 1) / 2), i, j, k});
-  std::stable_sort(waves.begin(), waves.end(), [](const Wave& a, const Wave& b) { return a.squared < b.squared; });
-  Eigen::MatrixXf basis(patch.numbers, n * n * kDirections);
-  for (int row = 0; row < patch.numbers; ++row) {
-    const Wave& w = waves[static_cast<size_t>(row + 1)];  // the first one is the mean
-    for (int k = 0; k < basis.cols(); ++k)
-      basis(row, k) = static_cast<float>(std::pow(w.squared, 0.25) * side(w.i, k / (n * kDirections)) *
-                                         side(w.j, k / kDirections % n) * turn(w.number, k % kDirections));
-  }
-  return basis;
-}
-
 /// The gradient of a pixel, shared between the directions: about linearly between the two nearest ones.
 Eigen::Array<float, kDirections, 1> by_direction(float gu, float gv) {
   static const Eigen::Matrix<float, kDirections, 2> directions = [] {
@@ -106,6 +76,43 @@ Vector2d refined(const Gradients& target, const Eigen::Ref<const Eigen::VectorXf
 
 }  // namespace
 
+/// Cosines over both sides of the patch, Fourier series over the directions: the products of the lowest frequencies but the
+/// mean. As in MatchDescriptor, each is weighted by the root of its frequency.
+Patch::Patch(int n, int numbers) : side(n), basis(numbers, n * n * kDirections) {
+  const auto wave = [n](int frequency, int at) {
+    return std::sqrt((frequency == 0 ? 1.0 : 2.0) / n) * std::cos(M_PI * (at + 0.5) * frequency / n);
+  };
+  // 1, cos, sin, cos 2, sin 2, cos 3, sin 3, cos 4
+  const auto turn = [](int number, int at) {
+    const double angle = 2 * M_PI * at / kDirections * ((number + 1) / 2), norm = number == 0 || number == 7 ? 1.0 : 2.0;
+    return std::sqrt(norm / kDirections) * (number % 2 == 1 ? std::cos(angle) : number == 0 ? 1.0 : std::sin(angle));
+  };
+  struct Wave {
+    int squared, i, j, number;
+  };
+  std::vector<Wave> waves;
+  for (int i = 0; i < n; ++i)
+    for (int j = 0; j < n; ++j)
+      for (int k = 0; k < kDirections; ++k) waves.push_back({i * i + j * j + (k + 1) / 2 * ((k + 1) / 2), i, j, k});
+  std::stable_sort(waves.begin(), waves.end(), [](const Wave& a, const Wave& b) { return a.squared < b.squared; });
+  for (int row = 0; row < numbers; ++row) {
+    const Wave& w = waves[static_cast<size_t>(row + 1)];  // the first one is the mean
+    for (int k = 0; k < basis.cols(); ++k)
+      basis(row, k) = static_cast<float>(std::pow(w.squared, 0.25) * wave(w.i, k / (n * kDirections)) *
+                                         wave(w.j, k / kDirections % n) * turn(w.number, k % kDirections));
+  }
+}
+
+const Patch& Patch::small() {
+  static const Patch patch(4, 64);
+  return patch;
+}
+
+const Patch& Patch::large() {
+  static const Patch patch(6, 128);
+  return patch;
+}
+
 Gradients::Gradients(Map grey, int scale, int threads)
     : width_(grey.width / scale), height_(grey.height / scale), cells_(kDirections, width_ * height_) {
   for (float& value : grey.data)
@@ -135,9 +142,7 @@ Gradients::Gradients(Map grey, int scale, int threads)
 }
 
 Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres, const Patch& patch) const {
-  static const Eigen::MatrixXf small = make_basis(kSmall), large = make_basis(kLarge);
-  const Eigen::MatrixXf& basis = patch.side == kSmall.side ? small : large;
-  Eigen::MatrixXf cells(basis.cols(), centres.size());
+  Eigen::MatrixXf cells(patch.basis.cols(), centres.size());
   for (size_t k = 0; k < centres.size(); ++k)
     for (int cell = 0; cell < patch.side * patch.side; ++cell) {
       const double u = std::clamp(centres[k].x() - reach(patch) + kCell * (cell % patch.side), 0.0, width_ - 1.0);
@@ -149,7 +154,7 @@ Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres,
           (1 - b) * ((1 - a) * cells_.col(first) + a * cells_.col(first + 1)) +
           b * ((1 - a) * cells_.col(first + width_) + a * cells_.col(first + width_ + 1));
     }
-  Descriptors out = basis * cells;
+  Descriptors out = patch.basis * cells;
   for (auto column : out.colwise()) {
     const float norm = column.norm();
     if (norm > kLeastNorm)
@@ -200,9 +205,9 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
   if (!(mean_q > 0)) return {};
   const Gradients of_reference(grey_map(reference.image), layout.scale, threads),
       of_target(std::move(target[0]), layout.scale, threads);
-  for (const Patch& patch : {Gradients::kSmall, Gradients::kLarge}) {
+  for (const Patch* patch : {&Patch::small(), &Patch::large()}) {
     const auto all =
-        gradient_correspondences(of_reference, of_target, reference.features, checks, camera, mean_q, layout, patch);
+        gradient_correspondences(of_reference, of_target, reference.features, checks, camera, mean_q, layout, *patch);
     if (const auto start = pose_of(all, camera, mean_q, layout, kHypotheses, kShare)) return start;
   }
   return {};

@@ -15,12 +15,17 @@ namespace iclk::internal {
 class Gradients {
  public:
   static constexpr int kDirections = 8;
-  /// A patch has side x side cells. Its descriptor has so many numbers.
+  /// A patch of side x side cells. The rows of its basis turn the cells into a descriptor.
   struct Patch {
-    int side, numbers;
+    Patch(int side, int numbers);
+    /// These also match where parallax bends large ones: 4 cells, 64 numbers.
+    static const Patch& small();
+    /// These tell more places apart where seasons differ: 6 cells, 128 numbers.
+    static const Patch& large();
+
+    int side;
+    Eigen::MatrixXf basis;
   };
-  /// Small patches also match where parallax bends large ones. Large ones tell more places apart where seasons differ.
-  static constexpr Patch kSmall{4, 64}, kLarge{6, 128};
   /// Descriptors, one per column: the lowest cosines of the cells and their directions, normalised. Zero without texture.
   using Descriptors = Eigen::MatrixXf;
 

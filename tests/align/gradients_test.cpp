@@ -76,8 +76,9 @@ TEST(Gradients, NothingIsFoundWhereNothingIs) {
   Frame one_infinite = s.image1;
   one_infinite.at(160, 120) = INFINITY;
   const internal::Gradients gradients(grey_map(one_infinite.view()), 2, 1);
-  for (const auto& patch : {internal::Gradients::kSmall, internal::Gradients::kLarge})
-    EXPECT_TRUE(gradients.describe({{80, 60}, {20, 20}}, patch).allFinite());
+  using Patch = internal::Gradients::Patch;
+  for (const Patch* patch : {&Patch::small(), &Patch::large()})
+    EXPECT_TRUE(gradients.describe({{80, 60}, {20, 20}}, *patch).allFinite());
   std::vector<uint8_t> hidden(320 * 240, 0);
   Pair masked{0, s.image1.view()};
   masked.target_mask = {hidden.data(), 320, 240, 0, PixelFormat::r8};
