@@ -107,6 +107,41 @@ TEST(Rivals, WhatMovesByItselfIsNotTheScene) {
   }
 }
 
+// The object explains so many features that the search for rivals stops early.
+TEST(Rivals, NoMotionRivalsAStartThatWasFound) {
+  const Waves scene(0, 6), thing(0, 8);
+  const auto wall = [&](double x, double y) { return 0.5 + 0.015 * scene(x, y); };
+  const auto moving = [&](double x, double y) { return 0.5 + 0.05 * thing(x, y); };
+  const auto at_rest = [&](const SE3& T_thing, uint32_t seed) {
+    Frame image = render(wall, SE3(), seed);
+    const Frame front = render(moving, T_thing, seed + 10),
+                mask =
+                    render([](double x, double y) { return std::abs(x) < 1.7 && std::abs(y) < 1.275 ? 1.0 : 0.0; }, T_thing, 0);
+    for (size_t i = 0; i < image.data.size(); ++i)
+      if (mask.data[i] > 0.5f) image.data[i] = front.data[i];
+    return image;
+  };
+  AlignerOptions options;
+  options.search = true;
+  Plan plan{kCamera.width, kCamera.height};
+  plan.max_features = 300;
+  plan.format = PixelFormat::r32f;
+  const auto aligner = make_cpu_aligner(plan, options);
+  Refiner refiner(*aligner);
+  const Frame image0 = at_rest(SE3(), 1);
+  aligner->set_reference(0, {image0.view(), kCamera, lattice(kDistance), {}});
+  for (const double shift : {0.2, 0.25, 0.3, 0.35}) {
+    const SE3 passes = sideways(shift, 0.1);
+    const Frame image1 = at_rest(passes, 2);
+    Pair pair{0, image1.view(), passes};
+    pair.found = true;
+    const RefinedAlignment r = refiner.align(pair);
+    EXPECT_EQ(r.status, Status::ambiguous) << shift << " m: " << r.reason;
+    ASSERT_FALSE(r.rivals.empty()) << shift << " m";
+    EXPECT_LT(error(r.rivals.front().T_10, SE3()), 1) << shift << " m";
+  }
+}
+
 /// A pose on which some of the features agree, and nothing is found of the others.
 RefinedAlignment claim(const Features& features, const SE3& T_10, const std::vector<bool>& agree) {
   RefinedAlignment r;
