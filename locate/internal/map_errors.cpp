@@ -13,6 +13,7 @@ namespace {
 constexpr double kIndependent = 16;  // errors in a picture
 constexpr double kShift = 0.3;       // texels: standard deviation of an error that all points share, along x and y
 constexpr double kHeight = 0.1;      // steps of the heights: the same along z, and of each height
+constexpr double kByLight = 0.6;     // of the roughness: standard deviation by which another sun moves the ground
 constexpr double kAround = 7.5;      // m: roughness is that of the heights so far away, at most
 constexpr double kCrown = 3.6;       // m: heights so far apart flatten crowns to 1/e
 constexpr double kFlattest = 4;      // most by which flattened heights are corrected
@@ -43,7 +44,7 @@ Matrix6d map_covariance(const Camera& camera, std::span<const Eigen::Vector3d> p
     const Eigen::Matrix2d covariance = errors.sigma * errors.sigma * Eigen::Matrix2d::Identity() + raised * raised.transpose();
     const Eigen::Matrix<double, 6, 2> weighted = J.transpose() * covariance.inverse();
     H += weighted * J;
-    if (!errors.roughness.empty()) moved += errors.roughness[i] * weighted * to_image.leftCols<2>();
+    if (!errors.roughness.empty()) moved += kByLight * errors.roughness[i] * weighted * to_image.leftCols<2>();
   }
   const Eigen::LDLT<Matrix6d> factor(H);
   if (points.size() < 3 || factor.vectorD().minCoeff() <= 1e-10 * factor.vectorD().maxCoeff()) return Matrix6d::Zero();

@@ -25,7 +25,7 @@ struct MapErrors {
 /// Pixels and heights of a map are off, and so are all features near each other: the picture has 16 errors that are
 /// independent, however many features it has. Each is `sigma` and what a height that is a tenth of a step off does to the
 /// position. In addition, the whole ground is 0.3 texels off sidewards, and a tenth of a step of the heights up or down.
-/// Another sun moves what rough ground looks like: all points sidewards by their roughness, in one direction.
+/// Another sun moves what rough ground looks like: all points sidewards by 0.6 of their roughness, in one direction.
 Matrix6d map_covariance(const Camera& camera, std::span<const Eigen::Vector3d> points, const Eigen::Matrix3d& R_WC,
                         const MapErrors& errors);
 

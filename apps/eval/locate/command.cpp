@@ -53,7 +53,7 @@ void add_locate_eval(CLI::App& app, int& exit) {
       ->check(not_empty);
   command->add_option("--elevation", e.elevation, "Its heights: GeoTIFF, metres")->type_name("FILE")->check(not_empty);
   command->add_flag("--perfect", e.perfect, "The map is the ground, without defects but those of --texel");
-  command->add_flag("--season", e.season, "The map shows another season and another sun");
+  command->add_flag("--season", e.season, "The map shows procedural ground in another season, under another sun");
   command->add_option("--texel", e.texel, "Metres per pixel of the mosaic; default: 2 to 6 times those of a frame");
   command->add_option("--prior", o->prior, "METRES,DEGREES that priors are off; their sigma is half of it. Default 25,15")
       ->delimiter(',')

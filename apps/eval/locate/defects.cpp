@@ -5,6 +5,8 @@
 #include <opencv2/imgproc.hpp>
 
 #include "apps/eval/appearance_draw.h"
+#include "apps/iclk/common/angles.h"
+#include "apps/iclk/sets/render_options.h"
 
 namespace iclk {
 namespace {
@@ -12,6 +14,7 @@ namespace {
 constexpr double kWindow = 26;    // m: what is narrower and stands out of the ground is an object
 constexpr double kStandOut = 2;   // m
 constexpr double kLargest = 400;  // m2, of objects that a map lacks
+constexpr int kSeasons = 5;       // snow is the last
 
 cv::Mat heights_of(const Terrain& terrain) {
   return cv::Mat(terrain.relief.height, terrain.relief.width, CV_32FC1, const_cast<float*>(terrain.height.data())).clone();
@@ -160,25 +163,6 @@ void add_cloud(cv::Mat& colours, const Grid& mosaic, double radius, cv::RNG& ran
     }
 }
 
-void change_season(cv::Mat& colours, const Grid& mosaic, const MapDefects& d, cv::RNG& random) {
-  const cv::Mat fields = smooth_noise(colours.size(), 45 / mosaic.step_x, random);
-  const cv::Mat contrast = smooth_noise(colours.size(), 60 / mosaic.step_x, random);
-  const cv::Mat drift = smooth_noise(colours.size(), 6 / mosaic.step_x, random);
-  for (int y = 0; y < colours.rows; ++y)
-    for (int x = 0; x < colours.cols; ++x) {
-      cv::Vec3f& c = colours.at<cv::Vec3f>(y, x);
-      const double green = std::clamp(6.0 * (c[1] - 0.5 * (c[0] + c[2])), -1.0, 1.0);
-      const double gamma = std::exp(0.35 * d.season * contrast.at<float>(y, x));
-      const double gain = std::exp(d.season * (0.25 * fields.at<float>(y, x) - 0.35 * green));
-      const cv::Vec3d tint(1 + 0.5 * d.season * green, 1 - 0.1 * d.season * green, 1);
-      const double white = std::clamp(d.snow * (0.75 + 0.35 * drift.at<float>(y, x)), 0.0, 0.95);
-      for (int i = 0; i < 3; ++i) {
-        const double changed = tint[i] * gain * std::pow(std::clamp<double>(c[i], 0, 1), gamma);
-        c[i] = static_cast<float>(changed + white * (0.92 - changed));
-      }
-    }
-}
-
 void set_heights(Terrain& map, const Terrain& ground, const MapDefects& d, cv::RNG& random) {
   cv::Mat heights = heights_of(ground);
   if (d.missing > 0) remove_objects(heights, ground.relief.step_x, d.missing, random);
@@ -189,6 +173,15 @@ void set_heights(Terrain& map, const Terrain& ground, const MapDefects& d, cv::R
   }
   if (d.height_noise > 0) heights += d.height_noise * smooth_noise(heights.size(), 3, random);
   map.height.assign(heights.begin<float>(), heights.end<float>());
+}
+
+/// A day of the season, with the sun up to `reach` degrees from south, where it stands highest. Its text is exact.
+Date draw_date(Season season, int reach, Random& random) {
+  Date date = Date::of(season, static_cast<uint64_t>(random.below(1000)));
+  const int from_south = random.below(2 * reach + 1) - reach;
+  date.sun_azimuth = (180 + from_south) * kDegree;
+  date.sun_elevation = std::round(std::cos(from_south * kDegree / 1.5) * date.sun_elevation / kDegree) * kDegree;
+  return date;
 }
 
 }  // namespace
@@ -215,9 +208,9 @@ MapDefects draw_defects(uint64_t seed, double pixel) {
 MapDefects draw_season(uint64_t seed, double pixel) {
   MapDefects d = draw_defects(seed, pixel);
   Random random(counter_word(seed, 1000));
-  d.season = random.uniform(0.6, 1);
-  d.snow = random.uniform() < 0.3 ? random.uniform(0.3, 0.8) : 0;
-  d.light = 1;
+  const int map = random.below(kSeasons - 1), frames = (map + 1 + random.below(kSeasons - 1)) % kSeasons;
+  d.dates = {draw_date(static_cast<Season>(frames), 80, random), draw_date(static_cast<Season>(map), 30, random)};
+  d.light = 0;  // the date has its own sun
   return d;
 }
 
@@ -229,7 +222,6 @@ Terrain degraded(const Terrain& ground, const MapDefects& d) {
   cv::Mat colours = colours_of(ground), rgba;
   if (d.cars > 0) park_cars(colours, ground.mosaic, d.cars, random);
   cv::resize(colours, colours, {map.mosaic.width, map.mosaic.height}, 0, 0, cv::INTER_AREA);
-  if (d.season > 0 || d.snow > 0) change_season(colours, map.mosaic, d, random);
   if (d.light > 0) relight(colours, map.mosaic, ground, d);
   if (d.block > 0) cut_blocks(colours, map.mosaic, d, random);
   if (d.cloud > 0) add_cloud(colours, map.mosaic, d.cloud, random);
@@ -241,21 +233,13 @@ Terrain degraded(const Terrain& ground, const MapDefects& d) {
 }
 
 nlohmann::ordered_json to_json(const MapDefects& d) {
-  return {{"seed", d.seed},
-          {"texel", d.texel},
-          {"spacing", d.spacing},
-          {"height_noise", d.height_noise},
-          {"missing", d.missing},
-          {"block", d.block},
-          {"block_gain", d.block_gain},
-          {"block_shift", d.block_shift},
-          {"light", d.light},
-          {"azimuth", d.azimuth},
-          {"elevation", d.elevation},
-          {"cars", d.cars},
-          {"cloud", d.cloud},
-          {"season", d.season},
-          {"snow", d.snow}};
+  nlohmann::ordered_json json = {
+      {"seed", d.seed},       {"texel", d.texel},     {"spacing", d.spacing},       {"height_noise", d.height_noise},
+      {"missing", d.missing}, {"block", d.block},     {"block_gain", d.block_gain}, {"block_shift", d.block_shift},
+      {"light", d.light},     {"azimuth", d.azimuth}, {"elevation", d.elevation},   {"cars", d.cars},
+      {"cloud", d.cloud}};
+  if (d.dates) json["dates"] = {{"frames", to_text(d.dates->frames)}, {"map", to_text(d.dates->map)}};
+  return json;
 }
 
 }  // namespace iclk

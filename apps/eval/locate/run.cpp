@@ -99,13 +99,14 @@ Shot draw_shot(TerrainRenderer& ground, const LocateEvalOptions& o, Random& rand
   refuse("the map, " + box.text() + ", is too small or has too many holes for a frame");
 }
 
-std::shared_ptr<const Terrain> make_ground(const LocateEvalOptions& o, int map) {
+std::shared_ptr<const Terrain> make_ground(const LocateEvalOptions& o, int map, const std::optional<Date>& date) {
   if (!o.ortho.empty()) return std::make_shared<const Terrain>(GeoMap(o.ortho, o.elevation).whole());
   Random random(counter_word(o.seed, static_cast<uint64_t>(map)));
   ProceduralOptions ground;
   ground.seed = random.word();
   ground.size = kSize, ground.mosaic_step = 0.16, ground.relief_step = 0.5;
   ground.relief = random.uniform(10, 60);
+  ground.date = date;
   return std::make_shared<const Terrain>(procedural_terrain(ground));
 }
 
@@ -182,9 +183,11 @@ class Run {
 
  private:
   void one_map(int map) {
-    const auto ground = make_ground(o_, map);
     const MapDefects defects = map_defects(o_, map);
-    const auto known = std::make_shared<const Terrain>(degraded(*ground, defects));
+    const auto& dates = defects.dates;
+    const auto ground = make_ground(o_, map, dates ? std::optional(dates->frames) : std::nullopt);
+    const auto mapped = dates ? make_ground(o_, map, dates->map) : ground;
+    const auto known = std::make_shared<const Terrain>(degraded(*mapped, defects));
     eval_.maps.push_back(defects);
     TerrainRenderer camera(device_, ground, {.samples = 3});
     Locator locator(device_, known, o_.locator);
@@ -242,6 +245,8 @@ void LocateEvalOptions::check() const {
   if (!(metres >= 0 && degrees >= 0 && texel >= 0 && elsewhere >= 0))
     refuse("--prior, --texel and --elsewhere must not be negative");
   if (ortho.empty() != elevation.empty()) refuse("--ortho and --elevation must be given together");
+  if (season && (perfect || !ortho.empty()))
+    refuse("--season is for procedural ground with defects: leave out --ortho and --perfect");
 }
 
 LocateEval run_locate_eval(const LocateEvalOptions& options, const Progress& progress) {

@@ -1,8 +1,10 @@
 #include "apps/iclk/sets/render_options.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <random>
+#include <sstream>
 #include <tuple>
 
 #include <iclk/engine/error.h>
@@ -60,24 +62,32 @@ std::string hash_text(const Terrain& terrain) { return formatted("%016llx", stat
 
 double tilt_degrees(const RenderCommand& command) { return command.tilt.value_or(command.orbit.empty() ? 15 : 50); }
 
+constexpr std::array kSeasons{"spring", "summer", "autumn", "winter", "snow"};
+
 }  // namespace
 
 Date parse_date(const std::string& text) {
   const std::vector<std::string> words = split_words(text, ":");
-  static const std::vector<std::string> seasons{"spring", "summer", "autumn", "winter", "snow"};
-  const auto season = std::find(seasons.begin(), seasons.end(), words.empty() ? "" : words[0]);
+  const auto season = std::find(kSeasons.begin(), kSeasons.end(), words.empty() ? "" : words[0]);
   const auto whole = [](const std::string& word) {
     return !word.empty() && word.size() <= 18 && word.find_first_not_of("0123456789") == std::string::npos;
   };
   const std::vector<double> sun = words.size() == 3 ? parse_numbers(words[2], "the sun") : std::vector<double>(2);
-  if (words.size() > 3 || season == seasons.end() || (words.size() > 1 && !whole(words[1])) || sun.size() != 2)
+  if (words.size() > 3 || season == kSeasons.end() || (words.size() > 1 && !whole(words[1])) || sun.size() != 2)
     refuse("'" + printable(text) +
            "': must be SEASON[:YEAR[:AZIMUTH,ELEVATION]]: spring, summer, autumn, winter or snow; a whole number; and "
            "where the sun stands, in degrees from north and above the horizon");
-  Date date = Date::of(static_cast<Season>(season - seasons.begin()), words.size() > 1 ? std::stoull(words[1]) : 0);
+  Date date = Date::of(static_cast<Season>(season - kSeasons.begin()), words.size() > 1 ? std::stoull(words[1]) : 0);
   if (words.size() == 3) date.sun_azimuth = sun[0] * kDegree, date.sun_elevation = sun[1] * kDegree;
   date.check();
   return date;
+}
+
+std::string to_text(const Date& date) {
+  std::ostringstream text;
+  text << kSeasons[static_cast<size_t>(date.season)] << ':' << date.year << ':' << date.sun_azimuth / kDegree << ','
+       << date.sun_elevation / kDegree;
+  return text.str();
 }
 
 Terrain make_terrain(const RenderCommand& command) {

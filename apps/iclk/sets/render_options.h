@@ -50,6 +50,7 @@ struct RenderedCameras {
 
 /// SEASON[:YEAR[:AZIMUTH,ELEVATION]], degrees. Throws Error that names the text and what it must be.
 Date parse_date(const std::string& text);
+std::string to_text(const Date& date);
 
 /// Each throws Error that names the option or the file.
 Terrain make_terrain(const RenderCommand& command);
