@@ -223,7 +223,7 @@ def unrelated(rng, scene, hard, other):
 
 
 def mirrored(rng, scene, hard, other):
-    return replace(scene, image_1=cv2.flip(scene.image_1, int(rng.integers(-1, 2))), truth=None)
+    return replace(scene, image_1=cv2.flip(scene.image_1, int(rng.integers(0, 2))), truth=None)
 
 
 def half_doubled(rng, scene, hard, other):

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include <Eigen/Geometry>
+
 #include <iclk/align/common/each.h>
 #include <iclk/align/common/input.h>
 
@@ -19,6 +21,8 @@ constexpr int kStep = 2;    // pixels of the map between the places that are com
 constexpr int kApart = 16;  // pixels of the map; nearer places belong to one peak
 constexpr int kHypotheses = 1024;
 constexpr double kShare = 0.08;      // of the correspondences, which must agree with a start
+constexpr double kClearShare = 0.3;  // of the same, with which a start is certain; wrong ones reach 0.27
+constexpr int kRolls = 12;           // of a full turn
 constexpr float kLeastNorm = 1e-3f;  // of a descriptor with texture
 
 /// From the middle of a patch to that of its last cells.
@@ -39,11 +43,33 @@ Eigen::Array<float, kDirections, 1> by_direction(float gu, float gv) {
   return (along.square() / squared).square().square() * std::sqrt(squared);
 }
 
-std::vector<Vector2d> places(const Gradients& target, double border) {
-  std::vector<Vector2d> all;
-  for (double v = border; v <= target.height() - 1 - border; v += kStep)
-    for (double u = border; u <= target.width() - 1 - border; u += kStep) all.emplace_back(u, v);
-  return all;
+/// The places of a target that are compared first.
+struct Places {
+  Places(const Gradients& gradients, const Patch& of) : target(gradients), patch(of) {
+    const double border = reach(patch);
+    for (double v = border; v <= target.height() - 1 - border; v += kStep)
+      for (double u = border; u <= target.width() - 1 - border; u += kStep) at.emplace_back(u, v);
+    descriptors = target.describe(at, patch);
+  }
+
+  const Gradients& target;
+  const Patch& patch;
+  std::vector<Vector2d> at;
+  Gradients::Descriptors descriptors;
+};
+
+/// Histograms of an image that is rolled.
+Eigen::Array<float, kDirections, 1> rolled(const Eigen::Array<float, kDirections, 1>& directions, double roll) {
+  if (roll == 0) return directions;
+  Eigen::Array<float, kDirections, 1> out;
+  for (int k = 0; k < kDirections; ++k) {
+    const double from = k - roll / (2 * M_PI) * kDirections;
+    const auto whole = static_cast<int>(std::floor(from));
+    const auto part = static_cast<float>(from - whole);
+    const auto at = [&](int i) { return directions[(i % kDirections + kDirections) % kDirections]; };
+    out[k] = (1 - part) * at(whole) + part * at(whole + 1);
+  }
+  return out;
 }
 
 /// The best of the places, and how much better it is than those elsewhere.
@@ -141,18 +167,21 @@ Gradients::Gradients(Map grey, int scale, int threads)
   });
 }
 
-Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres, const Patch& patch) const {
+Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres, const Patch& patch, double roll) const {
+  const Eigen::Matrix2d back = Eigen::Rotation2Dd(-roll).toRotationMatrix();
   Eigen::MatrixXf cells(patch.basis.cols(), centres.size());
   for (size_t k = 0; k < centres.size(); ++k)
     for (int cell = 0; cell < patch.side * patch.side; ++cell) {
-      const double u = std::clamp(centres[k].x() - reach(patch) + kCell * (cell % patch.side), 0.0, width_ - 1.0);
-      const double v = std::clamp(centres[k].y() - reach(patch) + kCell * (cell / patch.side), 0.0, height_ - 1.0);
+      const Vector2d from_centre = Vector2d(cell % patch.side, cell / patch.side) * kCell - Vector2d::Constant(reach(patch));
+      const Vector2d at = centres[k] + back * from_centre;
+      const double u = std::clamp(at.x(), 0.0, width_ - 1.0), v = std::clamp(at.y(), 0.0, height_ - 1.0);
       const int x = std::min(static_cast<int>(u), width_ - 2), y = std::min(static_cast<int>(v), height_ - 2);
       const auto a = static_cast<float>(u - x), b = static_cast<float>(v - y);
       const Eigen::Index first = y * width_ + x;
-      cells.col(static_cast<Eigen::Index>(k)).segment<kDirections>(cell * kDirections) =
+      const Eigen::Array<float, kDirections, 1> here =
           (1 - b) * ((1 - a) * cells_.col(first) + a * cells_.col(first + 1)) +
           b * ((1 - a) * cells_.col(first + width_) + a * cells_.col(first + width_ + 1));
+      cells.col(static_cast<Eigen::Index>(k)).segment<kDirections>(cell * kDirections) = rolled(here, roll);
     }
   Descriptors out = patch.basis * cells;
   for (auto column : out.colwise()) {
@@ -165,34 +194,61 @@ Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres,
   return out;
 }
 
-std::vector<Correspondence> gradient_correspondences(const Gradients& reference, const Gradients& target,
-                                                     const Features& features, std::span<const FeatureCheck> checks,
-                                                     const Camera& camera, double mean_inverse_depth, const MatchLayout& layout,
-                                                     const Patch& patch) {
-  std::vector<size_t> used;
-  std::vector<Vector2d> centres;
+namespace {
+
+struct Sought {
+  const Gradients& gradients;
+  std::vector<Vector2d> centres;        // pixels of the map
+  std::vector<Eigen::Vector3d> points;  // Correspondence::point
+};
+
+Sought sought_features(const Gradients& gradients, const Reference& reference, std::span<const FeatureCheck> checks,
+                       double mean_q, const MatchLayout& layout) {
+  const Features& features = reference.features;
+  Sought out{gradients, {}, {}};
   for (int match = 0; match < std::min(features.size(), layout.features); ++match) {
     const auto i = static_cast<size_t>(matched_feature(match, features.size()));
     if (checks[i] != FeatureCheck::ok) continue;
-    used.push_back(i);
-    centres.emplace_back((features.uv[i].array() + 0.5) / layout.scale - 0.5);
+    out.centres.emplace_back((features.uv[i].array() + 0.5) / layout.scale - 0.5);
+    out.points.emplace_back(reference.camera.ray(features.uv[i]) * (mean_q / features.inverse_depth[i]));
   }
-  const std::vector<Vector2d> at = places(target, reach(patch));
+  return out;
+}
+
+/// correspondences() by gradients.
+std::vector<Correspondence> correspondences(const Sought& sought, const Places& places, double roll, int scale) {
   std::vector<Correspondence> found;
-  if (used.empty() || at.empty()) return found;
-  const Gradients::Descriptors sought = reference.describe(centres, patch), all = target.describe(at, patch);
-  const Eigen::MatrixXf scores = all.transpose() * sought;
-  for (size_t k = 0; k < used.size(); ++k) {
-    const auto column = static_cast<Eigen::Index>(k);
-    const auto [best, distinct] = best_place(scores.col(column), at);
-    if (!(scores(static_cast<Eigen::Index>(best), column) > 0)) continue;
-    const Vector2d place = refined(target, sought.col(column), patch, at[best]);
-    const Eigen::Vector3d point = camera.ray(features.uv[used[k]]) * (mean_inverse_depth / features.inverse_depth[used[k]]);
-    found.push_back({point, (place.array() + 0.5) * layout.scale - 0.5, distinct});
+  if (sought.centres.empty() || places.at.empty()) return found;
+  const Gradients::Descriptors wanted = sought.gradients.describe(sought.centres, places.patch, roll);
+  const Eigen::MatrixXf scores = places.descriptors.transpose() * wanted;
+  for (Eigen::Index k = 0; k < scores.cols(); ++k) {
+    const auto [best, distinct] = best_place(scores.col(k), places.at);
+    if (!(scores(static_cast<Eigen::Index>(best), k) > 0)) continue;
+    const Vector2d place = refined(places.target, wanted.col(k), places.patch, places.at[best]);
+    found.push_back({sought.points[static_cast<size_t>(k)], (place.array() + 0.5) * scale - 0.5, distinct});
   }
   std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
   return found;
 }
+
+struct Start {
+  SE3 T_10;
+  double share;  // of the correspondences that agree
+};
+
+std::optional<Start> start_of(const std::vector<Correspondence>& all, const Camera& camera, double mean_q,
+                              const MatchLayout& layout) {
+  const std::optional<SE3> T = pose_of(all, camera, mean_q, layout, kHypotheses, kShare);
+  if (!T) return {};
+  const auto agrees = [&](const Correspondence& c) {
+    const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
+    return X.z() > 0 && (camera.project(X) - c.pixel).norm() < ICLK_MATCH_TOLERANCE * layout.scale;
+  };
+  const auto agreeing = static_cast<double>(std::count_if(all.begin(), all.end(), agrees));
+  return Start{*T, agreeing / static_cast<double>(all.size())};
+}
+
+}  // namespace
 
 std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
                                       int threads) {
@@ -205,12 +261,19 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
   if (!(mean_q > 0)) return {};
   const Gradients of_reference(grey_map(reference.image), layout.scale, threads),
       of_target(std::move(target[0]), layout.scale, threads);
-  for (const Patch* patch : {&Patch::small(), &Patch::large()}) {
-    const auto all =
-        gradient_correspondences(of_reference, of_target, reference.features, checks, camera, mean_q, layout, *patch);
-    if (const auto start = pose_of(all, camera, mean_q, layout, kHypotheses, kShare)) return start;
+  const Sought sought = sought_features(of_reference, reference, checks, mean_q, layout);
+  const auto start = [&](const Places& places, double roll) {
+    return start_of(correspondences(sought, places, roll, layout.scale), camera, mean_q, layout);
+  };
+  const Places small(of_target, Patch::small());
+  std::optional<Start> best = start(small, 0);
+  if (!best) best = start(Places(of_target, Patch::large()), 0);
+  const bool upright = best.has_value();
+  for (int roll = 1; roll < kRolls && !(best && best->share >= kClearShare); ++roll) {
+    const std::optional<Start> rolled = start(small, 2 * M_PI * roll / kRolls);
+    if (rolled && rolled->share >= (upright ? kClearShare : best ? best->share : 0)) best = rolled;
   }
-  return {};
+  return best ? std::optional(best->T_10) : std::nullopt;
 }
 
 }  // namespace iclk::internal

@@ -34,8 +34,9 @@ class Gradients {
 
   int width() const { return width_; }
   int height() const { return height_; }
-  /// Of patches around positions in the map, in pixels of the map. Cells beyond its border repeat.
-  Descriptors describe(const std::vector<Eigen::Vector2d>& centres, const Patch& patch) const;
+  /// Of patches around positions in the map, in pixels of the map, as an image shows them that is rolled by `roll` rad. Cells
+  /// beyond the border repeat.
+  Descriptors describe(const std::vector<Eigen::Vector2d>& centres, const Patch& patch, double roll = 0) const;
 
  private:
   /// The square root of the mean gradients in each direction, of the cell around a pixel of the map.
@@ -44,15 +45,10 @@ class Gradients {
   Cells cells_;
 };
 
-/// correspondences() by gradients, with upright patches.
-std::vector<Correspondence> gradient_correspondences(const Gradients& reference, const Gradients& target,
-                                                     const Features& features, std::span<const FeatureCheck> checks,
-                                                     const Camera& camera, double mean_inverse_depth, const MatchLayout& layout,
-                                                     const Gradients::Patch& patch);
-
-/// The start of a pair by gradient_correspondences() of small patches, or else of large ones, if enough of them agree. It does
-/// not use the pair's first guess. Precondition: the images of the reference and the pair have the size of the reference's
-/// camera.
+/// The start of a pair, if enough features agree on one: by small upright patches, else by large ones, else by small ones at
+/// the best of all rolls. A roll that is certain is also preferred to an upright start that is not. It does not use the pair's
+/// first guess. Precondition: the images of the reference and the pair
+/// have the size of the reference's camera.
 std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
                                       int threads);
 

@@ -46,6 +46,19 @@ TEST(Gradients, FindWhatIsFarAwayInOtherLight) {
   }
 }
 
+TEST(Gradients, FindAnyRoll) {
+  for (int degrees = 0; degrees < 360; degrees += 40) {
+    Relief scene = far_apart(1);
+    scene.T_10.R = Eigen::AngleAxisd(degrees * M_PI / 180, Eigen::Vector3d::UnitZ()).toRotationMatrix() * scene.T_10.R;
+    const Features features = random_features(scene, 120);
+    const Frame image0 = render(scene, 0), image1 = render(scene, 1);
+    const auto start = internal::start_by_gradients({image0.view(), scene.camera, features, {}},
+                                                    check_features(features, scene.camera), {0, image1.view()}, 1);
+    ASSERT_TRUE(start) << degrees;
+    EXPECT_LT(pixel_error(scene, features, *start), 4) << degrees;
+  }
+}
+
 TEST(Gradients, TheEdgesOfAMaskAreNoTexture) {
   const Pairing s(1);
   std::vector<uint8_t> mask(320 * 240, 255);
