@@ -200,6 +200,26 @@ TEST_F(Cascaded, WhatCannotBeMadeIsAnError) {
   EXPECT_TRUE(later.align(near)[0].converged()) << "and nothing is broken by it";
 }
 
+TEST(SecondLook, FindsAnyRoll) {
+  Plan plan{320, 240};
+  plan.max_features = 120;
+  plan.format = PixelFormat::r32f;
+  Cascade::Step step{"classical", [&] { return make_cpu_aligner(plan, options_of(true)); }, RefinerOptions()};
+  step.gradients = true;
+  Cascade cascade({step});
+  for (const int degrees : {50, 100, 180, 265}) {
+    Relief relief;
+    relief.camera = {260, 260, 159.5, 119.5, 320, 240};
+    relief.T_10 = SE3::exp((Vector6d() << 0.05, -0.03, 0.04, 0.01, 0.02, degrees * M_PI / 180).finished());
+    const Frame image0 = test::render(relief, 0), image1 = test::render(relief, 1);
+    const Features features = test::random_features(relief, 120);
+    const CascadePair pair{{image0.view(), relief.camera, features, {}}, image1.view(), {}};
+    const RefinedAlignment r = cascade.align(std::span(&pair, 1)).front();
+    EXPECT_TRUE(r.converged()) << degrees << ": " << r.reason;
+    EXPECT_LT(test::pixel_error(relief, features, r.T_10), 0.1) << degrees;
+  }
+}
+
 TEST(SecondLook, NeedsClearEvidence) {
   const auto refused = [](int inliers, int aligned, int visible, bool refined = true, bool found_again = false) {
     RefinedAlignment r;
