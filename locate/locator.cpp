@@ -207,7 +207,12 @@ Located Locator::Impl::locate(const Picture& full, const LocatePrior& prior) {
   for (const Candidate& c : candidates(full, prior, away, hypotheses)) {
     // After a converged answer, only places that also converged can be rivals.
     if (best.converged() && !c.converged) break;
-    const auto [other, doubt_of_other] = fine.fit(picture, c.T_WC, finest);
+    auto [other, doubt_of_other] = fine.fit(picture, c.T_WC, finest);
+    if (other.converged() && !internal::likely_attitude(other.T_WC, prior, options.reach + 1)) {
+      other.status = Status::diverged;
+      other.covariance.setZero();
+      other.reason = "the prior excludes the attitude that fits; " + other.reason;
+    }
     if (!best.converged()) {
       if (other.converged() || best.rounds == 0) best = other, doubt = doubt_of_other;
     } else if (other.converged() && other.inliers >= kRivalShare * best.inliers &&

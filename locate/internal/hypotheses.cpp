@@ -84,7 +84,13 @@ bool likely(const SE3& T_WC, const LocatePrior& prior, double distance, double r
   const Eigen::Vector3d off = T_WC.t - prior.T_WC.t;
   const double tilt = std::acos(std::clamp(T_WC.R.col(2).dot(prior.T_WC.R.col(2)), -1.0, 1.0));
   return off.head<2>().norm() < reach * prior.position_sigma + 0.1 * distance &&
-         std::abs(off.z()) < reach * prior.height_sigma + 0.1 * distance && tilt < reach * prior.tilt_sigma + 0.09;
+         std::abs(off.z()) < reach * prior.height_sigma + 0.1 * distance && tilt < reach * prior.tilt_sigma + 0.09 &&
+         likely_attitude(T_WC, prior, reach);
+}
+
+bool likely_attitude(const SE3& T_WC, const LocatePrior& prior, double reach) {
+  const SE3 turn{T_WC.R * prior.T_WC.R.transpose(), Eigen::Vector3d::Zero()};
+  return turn.angle() <= reach * (prior.heading_sigma + prior.tilt_sigma) + 0.5;
 }
 
 }  // namespace iclk::internal

@@ -14,4 +14,7 @@ std::vector<SE3> hypotheses(const LocatePrior& prior, const Camera& camera, doub
 /// ground and 5 degrees more, which a rough pose may be off.
 bool likely(const SE3& T_WC, const LocatePrior& prior, double distance, double reach);
 
+/// Whether the prior allows the attitude of a pose: `reach` sigmas, and 29 degrees more, the step between headings.
+bool likely_attitude(const SE3& T_WC, const LocatePrior& prior, double reach);
+
 }  // namespace iclk::internal

@@ -160,7 +160,7 @@ TEST_P(BadInput, AnUnrelatedTargetIsNotConverged) {
   cv::RNG random(4);
   random.fill(noise, cv::RNG::UNIFORM, 0, 255);
   cv::imwrite(out_.path("noise.png"), noise);
-  cv::flip(cv::imread(file("b.png")), flipped, -1);
+  cv::flip(cv::imread(file("b.png")), flipped, 1);
   cv::imwrite(out_.path("flipped.png"), flipped);
   for (const char* name : {"noise.png", "flipped.png"}) {
     const Finished f = align_with({{"b.png", out_.path(name)}});
