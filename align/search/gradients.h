@@ -47,8 +47,7 @@ class Gradients {
 
 /// The start of a pair, if enough features agree on one: by small upright patches, else by large ones, else by small ones at
 /// the best of all rolls. A roll that is certain is also preferred to an upright start that is not. It does not use the pair's
-/// first guess. Precondition: the images of the reference and the pair
-/// have the size of the reference's camera.
+/// first guess. Precondition: the images of the reference and the pair have the size of the reference's camera.
 std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
                                       int threads);
 

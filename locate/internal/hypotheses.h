@@ -10,8 +10,8 @@ namespace iclk::internal {
 /// the camera of the prior to the ground along its optical axis. Throws Error(invalid_argument) for more than 20000 poses.
 std::vector<SE3> hypotheses(const LocatePrior& prior, const Camera& camera, double distance, double reach);
 
-/// Whether the prior allows a pose: position, height and optical axis within `reach` sigmas, and 10 % of the height above
-/// ground and 5 degrees more, which a rough pose may be off.
+/// Whether the prior allows a pose: its attitude, and position, height and optical axis within `reach` sigmas, and 10 % of the
+/// height above ground and 5 degrees more, which a rough pose may be off.
 bool likely(const SE3& T_WC, const LocatePrior& prior, double distance, double reach);
 
 /// Whether the prior allows the attitude of a pose: `reach` sigmas, and 29 degrees more, the step between headings.
