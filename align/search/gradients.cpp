@@ -231,23 +231,6 @@ std::vector<Correspondence> correspondences(const Sought& sought, const Places& 
   return found;
 }
 
-struct Start {
-  SE3 T_10;
-  double share;  // of the correspondences that agree
-};
-
-std::optional<Start> start_of(const std::vector<Correspondence>& all, const Camera& camera, double mean_q,
-                              const MatchLayout& layout) {
-  const std::optional<SE3> T = pose_of(all, camera, mean_q, layout, kHypotheses, kShare);
-  if (!T) return {};
-  const auto agrees = [&](const Correspondence& c) {
-    const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
-    return X.z() > 0 && (camera.project(X) - c.pixel).norm() < ICLK_MATCH_TOLERANCE * layout.scale;
-  };
-  const auto agreeing = static_cast<double>(std::count_if(all.begin(), all.end(), agrees));
-  return Start{*T, agreeing / static_cast<double>(all.size())};
-}
-
 }  // namespace
 
 std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
@@ -262,16 +245,23 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
   const Gradients of_reference(grey_map(reference.image), layout.scale, threads),
       of_target(std::move(target[0]), layout.scale, threads);
   const Sought sought = sought_features(of_reference, reference, checks, mean_q, layout);
-  const auto start = [&](const Places& places, double roll) {
-    return start_of(correspondences(sought, places, roll, layout.scale), camera, mean_q, layout);
+  struct Start {
+    SE3 T_10;
+    double share;  // of the correspondences that agree
+  };
+  const auto start = [&](const Places& places, double roll) -> std::optional<Start> {
+    const auto all = correspondences(sought, places, roll, layout.scale);
+    const auto pose = pose_of(all, camera, mean_q, layout, kHypotheses, kShare);
+    if (!pose) return {};
+    return Start{pose->T_10, pose->agreeing / static_cast<double>(all.size())};
   };
   const Places small(of_target, Patch::small());
   std::optional<Start> best = start(small, 0);
   if (!best) best = start(Places(of_target, Patch::large()), 0);
-  const bool upright = best.has_value();
+  double needed = best ? kClearShare : 0;  // of a start at another roll
   for (int roll = 1; roll < kRolls && !(best && best->share >= kClearShare); ++roll) {
     const std::optional<Start> rolled = start(small, 2 * M_PI * roll / kRolls);
-    if (rolled && rolled->share >= (upright ? kClearShare : best ? best->share : 0)) best = rolled;
+    if (rolled && rolled->share >= needed) best = rolled, needed = rolled->share;
   }
   return best ? std::optional(best->T_10) : std::nullopt;
 }

@@ -290,8 +290,8 @@ std::array<uint32_t, 3> three_of(uint32_t count, uint32_t number) {
   return {i, j, k};
 }
 
-std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera& camera, double mean_inverse_depth,
-                           const MatchLayout& layout, int hypotheses, double share_of_all) {
+std::optional<AgreedPose> pose_of(const std::vector<Correspondence>& all, const Camera& camera, double mean_inverse_depth,
+                                  const MatchLayout& layout, int hypotheses, double share_of_all) {
   const auto count = static_cast<uint32_t>(all.size());
   if (count < 4 || repeats(all) >= ICLK_MATCH_REPEATS) return {};
   const Agreeing agreeing(all, camera, ICLK_MATCH_TOLERANCE * layout.scale);
@@ -312,7 +312,7 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
       if (const double cost = agreeing.rough_cost(T).cost; cost < share.cost) share = {T, cost};
     }
   }
-  std::optional<SE3> start;
+  std::optional<AgreedPose> start;
   double least = 1e30;
   for (Hypothesis& h : best) {
     if (h.cost >= 1e30) continue;
@@ -320,8 +320,8 @@ std::optional<SE3> pose_of(const std::vector<Correspondence>& all, const Camera&
     const auto [cost, inliers] = agreeing.cost(h.T);
     if (inliers < ICLK_MATCH_INLIERS + share_of_all * count || cost >= least) continue;
     least = cost;
-    start = h.T;
-    start->t /= mean_inverse_depth;
+    start = {h.T, inliers};
+    start->T_10.t /= mean_inverse_depth;
   }
   return start;
 }
@@ -330,7 +330,8 @@ MatchedStart matched_start(const Map& map0, const Map& map1, const Features& fea
                            const Camera& camera, double mean_inverse_depth, const MatchLayout& layout) {
   const auto start = [&](Rolls rolls, int hypotheses, double share) -> MatchedStart {
     const auto all = correspondences(map0, map1, features, checks, camera, mean_inverse_depth, layout, rolls);
-    return {pose_of(all, camera, mean_inverse_depth, layout, hypotheses, share), repeats(all)};
+    const auto pose = pose_of(all, camera, mean_inverse_depth, layout, hypotheses, share);
+    return {pose ? std::optional(pose->T_10) : std::nullopt, repeats(all)};
   };
   const MatchedStart upright = start(Rolls::upright, ICLK_MATCH_UPRIGHT_HYPOTHESES, ICLK_MATCH_UPRIGHT_SHARE);
   return upright.T_10 ? upright : start(Rolls::all, ICLK_MATCH_HYPOTHESES, ICLK_MATCH_SHARE);

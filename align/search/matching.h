@@ -65,10 +65,14 @@ std::vector<Correspondence> correspondences(const Map& map0, const Map& map1, co
 /// The share of correspondences that look the same elsewhere in the target.
 double repeats(const std::vector<Correspondence>& correspondences);
 
+struct AgreedPose {
+  SE3 T_10;
+  int agreeing = 0;  ///< correspondences
+};
 /// The pose with the most agreeing correspondences, among `hypotheses` poses from three correspondences each. Nothing if less
 /// than `share` of them agree or the texture repeats. Deterministic.
-std::optional<SE3> pose_of(const std::vector<Correspondence>& correspondences, const Camera& camera, double mean_inverse_depth,
-                           const MatchLayout& layout, int hypotheses, double share);
+std::optional<AgreedPose> pose_of(const std::vector<Correspondence>& correspondences, const Camera& camera,
+                                  double mean_inverse_depth, const MatchLayout& layout, int hypotheses, double share);
 
 /// Three different random numbers below `count` for hypothesis `number`, the same on every machine. Precondition: count >= 3.
 std::array<uint32_t, 3> three_of(uint32_t count, uint32_t number);

@@ -126,13 +126,14 @@ void propose(std::vector<Correspondence>& from, Candidates& all, const Camera& c
              int most, std::vector<SE3>& poses) {
   std::stable_sort(from.begin(), from.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
   for (int k = 0; k < most; ++k) {
-    const std::optional<SE3> T = pose_of(from, camera, mean_q, layout, kHypotheses, 0);
-    if (!T) return;
+    const auto pose = pose_of(from, camera, mean_q, layout, kHypotheses, 0);
+    if (!pose) return;
+    const SE3& T = pose->T_10;
     const auto explained = [&](const Correspondence& c) {
-      const Eigen::Vector3d X = T->R * c.point + mean_q * T->t;
+      const Eigen::Vector3d X = T.R * c.point + mean_q * T.t;
       return X.z() > 0 && (camera.project(X) - c.pixel).norm() < 2 * ICLK_MATCH_TOLERANCE * layout.scale;
     };
-    poses.push_back(*T);
+    poses.push_back(T);
     std::erase_if(all.moved, explained);
     std::erase_if(all.alike, explained);
   }

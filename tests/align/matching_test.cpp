@@ -125,13 +125,13 @@ TEST(Matching, MostCorrespondencesAreTrue) {
   for (size_t i = 1; i < all.size(); ++i) EXPECT_LE(all[i].distinct, all[i - 1].distinct);
   const auto start = internal::pose_of(all, scene.camera, 1, layout, ICLK_MATCH_HYPOTHESES, ICLK_MATCH_SHARE);
   ASSERT_TRUE(start);
-  EXPECT_LT(pixel_error(scene, features, *start), 1.5);
+  EXPECT_LT(pixel_error(scene, features, start->T_10), 1.5);
 
   auto with_far = all;
   with_far.push_back({scene.camera.ray({100, 100}) * 1e60, {100, 100}, 0});  // no float holds that
   const auto same = internal::pose_of(with_far, scene.camera, 1, layout, ICLK_MATCH_HYPOTHESES, ICLK_MATCH_SHARE);
   ASSERT_TRUE(same);
-  EXPECT_LT(pixel_error(scene, features, *same), 1.5);
+  EXPECT_LT(pixel_error(scene, features, same->T_10), 1.5);
 }
 
 TEST(Matching, WhatAgreesOnNothingIsNotBelieved) {
