@@ -15,7 +15,8 @@ namespace iclk {
 /// noise floor and rolling shutter test; Refiner, which uses Ceres on the host, is the reference. One thread at a time.
 ///
 /// If AlignerOptions::search is on, rivals of an answer are searched for as in Refiner, but at most ICLK_RIVALS. Not supported:
-/// structure, grey values other than luma (Recolouring), and the test whether the depths fit better than a plane.
+/// structure, grey values other than luma (Recolouring), features at half the size, and the test whether the depths fit better
+/// than a plane.
 class DeviceRefiner {
  public:
   /// `aligner` must outlive the refiner and use Solver::device. Makes the kernels, and with a model allocates the grey maps for

@@ -16,6 +16,7 @@ using internal::PoseCandidate;
 using internal::Stopwatch;
 
 constexpr double kWorthARound = 0.2;  // share of the answer's inliers; a pose with fewer gets no further round
+constexpr int kHalfSize = 1;          // FeatureAlignmentTask::level
 
 /// An answer, and the poses that may rival it.
 struct Contested {
@@ -42,14 +43,27 @@ std::vector<PoseCandidate> rivals_of(std::vector<Contested>& all) {
       const SE3& T_10 = c.elsewhere.poses[j];
       c.rivals[j].iclk.T_10 = c.rivals[j].T_10 = T_10;
       c.rivals[j].inverse_depth = answer.inverse_depth;
-      rivals.push_back({c.answer.pair, &c.rivals[j], T_10, {}, static_cast<int>(kWorthARound * answer.inliers)});
+      rivals.push_back(
+          {c.answer.pair, &c.rivals[j], T_10, {}, static_cast<int>(kWorthARound * answer.inliers), c.answer.level});
     }
   }
   return rivals;
 }
 
+/// The state before the refinement; it keeps the times of the stages.
+RefinedAlignment begun_again(const RefinedAlignment& given) {
+  RefinedAlignment r;
+  r.iclk = given.iclk;
+  r.T_10 = given.iclk.T_10;
+  r.recolouring = given.recolouring;
+  r.inverse_depth = given.inverse_depth;
+  r.stages = given.stages;
+  return r;
+}
+
 /// Compares an answer with its rivals.
-void settle(const internal::View& view, const RefinerOptions& options, Contested& c) {
+void settle(const internal::View& view, const RefinerOptions& given, Contested& c) {
+  const RefinerOptions options = c.answer.options_for(given);
   RefinedAlignment& answer = *c.answer.result;
   answer.refined ? internal::weigh(view, options, c.rivals, answer) : internal::prefer_confirmed(c.rivals, answer);
   if (answer.converged()) internal::doubt_stillness(view, options, c.elsewhere.seen, answer);
@@ -112,7 +126,29 @@ void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> re
   }
   internal::run_rounds(aligner_, *feature_aligner_, options_, pairs, candidates);
   internal::for_each_of(candidates.size(), options_.threads, [&](size_t k) { conclude(pairs, candidates[k]); });
+  look_at_half_size(pairs, candidates);
   question(pairs, candidates);
+}
+
+void Refiner::look_at_half_size(std::span<const Pair> pairs, std::span<PoseCandidate> candidates) {
+  if (!options_.keep_unconfirmed) return;
+  std::vector<PoseCandidate*> unconfirmed;
+  for (PoseCandidate& c : candidates)
+    if (!c.result->refined && pairs[c.pair].search) unconfirmed.push_back(&c);
+  std::vector<RefinedAlignment> results;
+  for (const PoseCandidate* c : unconfirmed) results.push_back(begun_again(*c->result));
+  std::vector<PoseCandidate> looks;
+  for (size_t k = 0; k < results.size(); ++k)
+    looks.push_back({unconfirmed[k]->pair, &results[k], results[k].T_10, {}, 0, kHalfSize});
+  internal::run_rounds(aligner_, *feature_aligner_, options_, pairs, looks);
+  internal::for_each_of(looks.size(), options_.threads, [&](size_t k) { conclude(pairs, looks[k]); });
+  for (size_t k = 0; k < looks.size(); ++k) {
+    if (!results[k].converged() || !results[k].found_again) continue;
+    results[k].reason += "; features found at half the size";
+    looks[k].result = unconfirmed[k]->result;
+    *looks[k].result = std::move(results[k]);
+    *unconfirmed[k] = std::move(looks[k]);
+  }
 }
 
 void Refiner::conclude(std::span<const Pair> pairs, PoseCandidate& candidate) const {
@@ -126,8 +162,7 @@ void Refiner::question(std::span<const Pair> pairs, std::span<const PoseCandidat
   const auto view = [&](const Contested& c) { return internal::view_of(aligner_, pairs[c.answer.pair].reference); };
   internal::for_each_of(all.size(), options_.threads, [&](size_t k) {
     const Pair& pair = pairs[all[k].answer.pair];
-    all[k].elsewhere =
-        internal::look_elsewhere(view(all[k]), options_, aligner_.grey(pair.reference), pair, *all[k].answer.result);
+    all[k].elsewhere = internal::look_elsewhere(view(all[k]), options_, aligner_.grey(pair.reference), pair, all[k].answer);
     // A start that grey values did not find may be that of an object that passes a camera that stands still.
     if (pair.found) all[k].elsewhere.poses.emplace_back();
   });

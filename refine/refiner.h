@@ -51,7 +51,8 @@ struct RefinerOptions {
   /// If too few features are found to confirm or refute a pose on which ICLK converged, keep ICLK's pose, covariance and
   /// status. Useful with learned models, whose maps may agree where grey values do not. In the classical mode both use grey
   /// values, so an unconfirmed pose should not be claimed.
-  /// A smaller share of the features confirms such a pose if they find it again within 1 px (docs/explain/verdict.md).
+  /// A smaller share of the features confirms such a pose if they find it again, on level 0 or at half the size
+  /// (docs/explain/verdict.md).
   bool keep_unconfirmed = false;
 
   /// Throws Error(invalid_argument) that names the value and its range.
@@ -147,6 +148,9 @@ class Refiner {
  private:
   void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
   void conclude(std::span<const Pair> pairs, internal::PoseCandidate& candidate) const;
+  /// Looks for the features of models' unconfirmed poses in images of half the size. The answer counts if they find the pose
+  /// again.
+  void look_at_half_size(std::span<const Pair> pairs, std::span<internal::PoseCandidate> candidates);
   void question(std::span<const Pair> pairs, std::span<const internal::PoseCandidate> candidates);
 
   Aligner& aligner_;

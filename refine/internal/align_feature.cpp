@@ -175,6 +175,13 @@ AlignedFeature align_level(const Map& f1, const Template& t, const Eigen::Vector
   return f;
 }
 
+double scale_of(int level) { return static_cast<double>(1 << level); }
+
+/// Converts a pixel of level 0.
+Eigen::Vector2d on_level(const Eigen::Vector2d& uv, int level) {
+  return uv.array() / scale_of(level) + (0.5 / scale_of(level) - 0.5);
+}
+
 }  // namespace
 
 PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q, const SE3& T_10) {
@@ -195,9 +202,10 @@ PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q,
 }
 
 AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
-                             const SE3& T_10, const FeatureAlignmentOptions& options) {
+                             const SE3& T_10, const FeatureAlignmentOptions& options, int level) {
   AlignedFeature f;
-  if (f0.empty() || f1.empty() || !uv0.allFinite() || !std::isfinite(q) || q <= 0) return f;
+  const auto at = static_cast<size_t>(level);
+  if (f0.size() <= at || f1.size() <= at || !uv0.allFinite() || !std::isfinite(q) || q <= 0) return f;
   const PatchWarp w = warp_patch(camera, uv0, q, T_10);
   f.uv1 = w.uv1;
   f.status = FeatureStatus::out_of_image;
@@ -210,30 +218,32 @@ AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera&
     return g;
   };
 
-  const Template t0 = make_template(f0[0], uv0, A_inverse);
+  const Eigen::Vector2d projected = on_level(w.uv1, level);
+  const double scale = scale_of(level), max_motion = options.max_motion / scale;
+  const Template t0 = make_template(f0[at], on_level(uv0, level), A_inverse);
   if (!t0.inside) return failed(FeatureStatus::out_of_image);
   if (!(t0.texture > options.min_texture)) return failed(FeatureStatus::low_texture);
   const auto fine = [&](const Eigen::Vector2d& start) {
-    AlignedFeature g = align_level(f1[0], t0, start, options.max_motion, options);
-    if (g.status == FeatureStatus::aligned && (g.uv1 - w.uv1).norm() > options.max_motion) g.status = FeatureStatus::diverged;
+    AlignedFeature g = align_level(f1[at], t0, start, max_motion, options);
+    if (g.status == FeatureStatus::aligned && (g.uv1 - projected).norm() > max_motion) g.status = FeatureStatus::diverged;
     return g;
   };
 
   // Level 1 has twice the basin and half the precision. It is used only if level 0 alone does not align the feature.
-  const AlignedFeature first = fine(w.uv1);
-  if (first.status == FeatureStatus::aligned) return first;
-  if (f0.size() > 1 && f1.size() > 1) {
-    const auto down = [](const Eigen::Vector2d& c) -> Eigen::Vector2d { return (c.array() + 0.5) / 2 - 0.5; };
-    const Template t1 = make_template(f0[1], down(uv0), A_inverse);
+  AlignedFeature first = fine(projected);
+  if (level == 0 && first.status != FeatureStatus::aligned && f0.size() > 1 && f1.size() > 1) {
+    const Template t1 = make_template(f0[1], on_level(uv0, 1), A_inverse);
     if (t1.inside && t1.texture > options.min_texture) {
-      const AlignedFeature coarse = align_level(f1[1], t1, down(w.uv1), options.max_motion / 2, options);
+      const AlignedFeature coarse = align_level(f1[1], t1, on_level(w.uv1, 1), max_motion / 2, options);
       if (coarse.status == FeatureStatus::aligned) {
         f = fine((coarse.uv1.array() + 0.5) * 2 - 0.5);
         f.iterations += first.iterations + coarse.iterations;
-        return f;
+        first = f;
       }
     }
   }
+  first.uv1 = first.uv1.array() * scale + (0.5 * scale - 0.5);
+  first.covariance *= scale * scale;
   return first;
 }
 

@@ -23,10 +23,11 @@ PatchWarp warp_patch(const Camera& camera, const Eigen::Vector2d& uv0, double q,
 /// compositional Lucas-Kanade over (du, dv, gain, bias); the template is an 8x8 patch, centred on the feature and warped
 /// affinely by T_10.
 ///
-/// `f0`, `f1`: grey pyramids of the sizes of `camera` and its levels, finest first; level 1 is used if it exists. All inputs
-/// are valid: a NaN gives a status, not a position. The shader feature_alignment.comp has the same stages.
+/// `f0`, `f1`: grey pyramids of the sizes of `camera` and its levels, finest first. The position is found on `level`;
+/// if that is 0, level 1 helps if it exists. All inputs are valid: a NaN gives a status, not a position. The shader
+/// feature_alignment.comp has the same stages.
 AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
-                             const SE3& T_10, const FeatureAlignmentOptions& options = {});
+                             const SE3& T_10, const FeatureAlignmentOptions& options = {}, int level = 0);
 
 /// The colour sums of a patch at `uv1`. `f0` is level 0, `rgb1` the rgb_maps() of image 1. Precondition: align_feature() has
 /// aligned the patch there, with this pose.

@@ -94,10 +94,12 @@ void doubt_depths(const View& view, const PoseOptions& options, RefinedAlignment
 
 /// The verdict on alignment and refinement; `pose` is that of the last round. Returns false if the features contradict ICLK's
 /// pose.
-bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, bool guessed, RefinedAlignment& r) {
+bool decide(const View& view, const PoseResult& pose, const RefinerOptions& options, bool guessed, bool half_size,
+            RefinedAlignment& r) {
   Evidence e;
   e.credible = options.keep_unconfirmed && usable(r.iclk.status);
   e.guessed = guessed;
+  e.half_size = half_size;
   const Shown s = shown(view, r.features, pose.T_10);
   e.visible = s.visible;
   e.candidates = s.candidates;
@@ -143,11 +145,12 @@ void refine_depths(const View& view, const RefinerOptions& options, const Matrix
 
 }  // namespace
 
-void conclude(const View& view, const RefinerOptions& options, const Pair& pair, PoseCandidate& c) {
+void conclude(const View& view, const RefinerOptions& given, const Pair& pair, PoseCandidate& c) {
+  const RefinerOptions options = c.options_for(given);
   RefinedAlignment& r = *c.result;
   if (r.rounds == 0) return;
   const Matrix6d turn_share = options.rolling_shutter ? unbend(view, options.pose, !pair.search, r, c.pose) : Matrix6d::Zero();
-  const bool compatible = decide(view, c.pose, options, !pair.search, r);
+  const bool compatible = decide(view, c.pose, options, !pair.search, c.level > 0, r);
   if (!usable(r.status)) {  // T_10 stays that of ICLK
     if (options.keep_unconfirmed && compatible && r.iclk.converged()) {
       r.reason = r.iclk.reason + "; not refined: " + r.reason;
@@ -166,14 +169,15 @@ void conclude(const View& view, const RefinerOptions& options, const Pair& pair,
 }
 
 Elsewhere look_elsewhere(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,
-                         const RefinedAlignment& answer) {
+                         const PoseCandidate& candidate) {
+  const RefinedAlignment& answer = *candidate.result;
   if (!answer.refined)
     return look_elsewhere(reference, pair, view.camera, view.features, view.checks, answer.T_10,
                           std::vector<bool>(view.checks.size()), 0, kRivals);
-  const std::vector<bool> agree =
-      inliers(view.camera, view.features, answer.features, answer.T_10, options.pose.inlier_distance);
+  const double distance = candidate.options_for(options).pose.inlier_distance;
+  const std::vector<bool> agree = inliers(view.camera, view.features, answer.features, answer.T_10, distance);
   const double candidates = std::max(shown(view, answer.features, answer.T_10).candidates, 1);
-  const std::vector<bool> standing = still(view.camera, view.features, answer, options.pose.inlier_distance);
+  const std::vector<bool> standing = still(view.camera, view.features, answer, distance);
   const double explained =
       static_cast<double>(answer.inliers - std::count(standing.begin(), standing.end(), true)) / candidates;
   return look_elsewhere(reference, pair, view.camera, view.features, view.checks, answer.T_10, agree, explained, kRivals);

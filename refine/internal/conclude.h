@@ -8,6 +8,6 @@ void conclude(const View& view, const RefinerOptions& options, const Pair& pair,
 
 /// Searches for poses that may rival an answer. `reference`: its grey map of level 0.
 Elsewhere look_elsewhere(const View& view, const RefinerOptions& options, const Map& reference, const Pair& pair,
-                         const RefinedAlignment& answer);
+                         const PoseCandidate& answer);
 
 }  // namespace iclk::internal

@@ -36,7 +36,7 @@ class CpuFeatureAligner final : public FeatureAligner {
       if (aligner_.checks(task.reference)[i] != FeatureCheck::ok) continue;
       const Eigen::Vector2d& uv0 = features.uv[i];
       const double q = features.inverse_depth[i];
-      AlignedFeature& f = aligned.features[i] = align_feature(f0, f1, camera, uv0, q, task.T_10, options_);
+      AlignedFeature& f = aligned.features[i] = align_feature(f0, f1, camera, uv0, q, task.T_10, options_, task.level);
       if (!aligned.colours.empty() && f.status == FeatureStatus::aligned)
         aligned.colours[i] = colour_sums(f0[0], rgb, camera, uv0, q, task.T_10, f.uv1);
     }

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include <iclk/align/device/parts.h>
@@ -13,14 +14,14 @@
 
 namespace iclk::internal {
 
-engine::KernelDescription feature_alignment_kernel() {
+engine::KernelDescription feature_alignment_kernel(uint32_t level) {
   using enum engine::BindingKind;
   return {
       "feature_alignment",
       feature_alignment_comp_spv,
       {storage_read, storage_read, storage_read, storage_read, texel_read, texel_read, texel_read, texel_read, storage_write},
       sizeof(shaders::FeatureAlignmentPush),
-      {}};
+      {level}};
 }
 
 shaders::FeatureAlignmentPush feature_alignment_push(const FeatureAlignmentOptions& options, const DeviceMaps& maps) {
@@ -98,9 +99,9 @@ engine::KernelDescription colours_description(uint32_t pixel_format) {
           {0, pixel_format}};
 }
 
-engine::ArenaSize arena_size(const engine::Kernel& kernel, const engine::Kernel& colours, const GreyMaps& grey) {
+engine::ArenaSize arena_size(std::span<const engine::Kernel> kernels, const engine::Kernel& colours, const GreyMaps& grey) {
   engine::ArenaSize size;
-  size.add(kernel, colours ? 2 : 1);  // the aligner's maps, or recoloured ones
+  for (const engine::Kernel& kernel : kernels) size.add(kernel, colours ? 2 : 1);  // the aligner's maps, or recoloured ones
   if (colours) size.add(colours, 2);
   grey.add_to(size);
   return size;
@@ -120,7 +121,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
       : aligner_(aligner),
         options_(checked(options)),
         recolour_(options.recolour && channels(aligner.plan().format) > 1),
-        kernel_(aligner.context(), feature_alignment_kernel()),
+        kernels_{engine::Kernel(aligner.context(), feature_alignment_kernel(0)),
+                 engine::Kernel::deferred(aligner.context(), feature_alignment_kernel(1))},
         colours_(recolour_ ? engine::Kernel(aligner.context(), colours_description(DeviceParts::maps(aligner).pixel_format))
                            : engine::Kernel()),
         max_features_(static_cast<uint32_t>(std::min<uint64_t>(
@@ -131,7 +133,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
         ids_(max_tasks_, max_features_, recolour_),
         memory_(aligner.context(), ids_.plan),
         grey_(DeviceParts::make_grey_maps(aligner, recolour_)),
-        arena_(aligner.context(), arena_size(kernel_, colours_, *grey_)),
+        arena_(aligner.context(), arena_size(kernels_, colours_, *grey_)),
         submission_(aligner.context()) {}
 
   std::vector<AlignedFeatures> align(std::span<const FeatureAlignmentTask> tasks) override {
@@ -145,16 +147,12 @@ class DeviceFeatureAligner final : public FeatureAligner {
       result.features.resize(aligner_.features(task.reference).uv.size());
       if (task.colours && recolour_) result.colours.resize(result.features.size());
     }
-    for (size_t i = 0; i < tasks.size(); ++i) {
-      const auto count = static_cast<uint32_t>(results[i].features.size());
-      for (uint32_t first = 0; first < count;) {
-        if (pieces_.size() == max_tasks_ || filled_ == max_features_) run(results);
-        const uint32_t n = std::min({count - first, kFeaturesATask, max_features_ - filled_});
-        add(tasks[i], {i, first, n});
-        first += n;
-      }
+    for (level_ = 0; level_ < kernels_.size(); ++level_) {
+      for (size_t i = 0; i < tasks.size(); ++i)
+        if (tasks[i].level == static_cast<int>(level_)) add(tasks[i], i, results);
+      run(results);
     }
-    run(results);
+    level_ = 0;
     return results;
   }
 
@@ -183,6 +181,16 @@ class DeviceFeatureAligner final : public FeatureAligner {
   static const FeatureAlignmentOptions& checked(const FeatureAlignmentOptions& options) {
     options.check();
     return options;
+  }
+
+  void add(const FeatureAlignmentTask& task, size_t index, std::vector<AlignedFeatures>& results) {
+    const auto count = static_cast<uint32_t>(results[index].features.size());
+    for (uint32_t first = 0; first < count;) {
+      if (pieces_.size() == max_tasks_ || filled_ == max_features_) run(results);
+      const uint32_t n = std::min({count - first, kFeaturesATask, max_features_ - filled_});
+      add(task, {index, first, n});
+      first += n;
+    }
   }
 
   void add(const FeatureAlignmentTask& task, const Piece& piece) {
@@ -238,7 +246,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
   void record(engine::Recorder& recorder, const DeviceMaps& maps, const engine::Groups& groups) {
     const shaders::FeatureAlignmentPush push = feature_alignment_push(options_, maps);
     recorder.stage("feature_alignment");
-    recorder.dispatch(kernel_,
+    recorder.dispatch(kernels_[level_],
                       {maps.levels, maps.references, &memory_[ids_.tasks], &memory_[ids_.features], maps.fine0, maps.fine1,
                        maps.maps0, maps.maps1, &memory_[ids_.aligned]},
                       push, groups);
@@ -268,7 +276,8 @@ class DeviceFeatureAligner final : public FeatureAligner {
   const DeviceAligner& aligner_;
   FeatureAlignmentOptions options_;
   bool recolour_;
-  engine::Kernel kernel_, colours_;
+  std::array<engine::Kernel, kFeatureAlignmentLevels> kernels_;  // of FeatureAlignmentTask::level
+  engine::Kernel colours_;
   uint32_t max_features_, max_tasks_;
   Buffers ids_;
   engine::Workspace memory_;
@@ -279,6 +288,7 @@ class DeviceFeatureAligner final : public FeatureAligner {
   std::vector<int> slots_;     // theirs
   std::vector<GreyTarget> targets_;
   bool colours_wanted_ = false;
+  size_t level_ = 0;     // theirs
   uint32_t filled_ = 0;  // features of theirs
 };
 

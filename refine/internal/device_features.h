@@ -8,8 +8,8 @@
 
 namespace iclk::internal {
 
-/// Bindings: levels, references, tasks, features, fine0, fine1, maps0, maps1, aligned.
-engine::KernelDescription feature_alignment_kernel();
+/// Bindings: levels, references, tasks, features, fine0, fine1, maps0, maps1, aligned. `level`: FeatureAlignmentTask::level.
+engine::KernelDescription feature_alignment_kernel(uint32_t level = 0);
 shaders::FeatureAlignmentPush feature_alignment_push(const FeatureAlignmentOptions& options, const DeviceMaps& maps);
 
 /// Packs a feature for kernels. `ok`: its FeatureCheck is ok. An unknown depth sigma becomes 0.

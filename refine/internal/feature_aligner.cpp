@@ -16,6 +16,7 @@ void check(const FeatureAlignmentTask& task, int references, int pairs) {
   };
   in_plan("slot", task.reference, references);
   in_plan("pair", task.pair, pairs);
+  in_plan("level", task.level, kFeatureAlignmentLevels);
 }
 
 std::unique_ptr<FeatureAligner> make_feature_aligner(Aligner& aligner, const FeatureAlignmentOptions& options) {

@@ -20,10 +20,12 @@ struct FeatureAlignmentTask {
   int pair = 0;       ///< index in the aligner's last align()
   SE3 T_10;
   GreyWeights grey = kLuma;  ///< for the colours of the target, if it has any; equal in all tasks of a pair
-  bool colours = false;      ///< compute AlignedFeatures::colours
+  bool colours = false;      ///< compute AlignedFeatures::colours; with level 0 only
+  int level = 0;             ///< of the grey pyramid, on which positions are found; without that level, none are
 };
 
-/// Throws Error(invalid_argument) for a slot or a pair outside a plan with these sizes.
+/// Throws Error(invalid_argument) for a slot or a pair outside a plan with these sizes, and for a level that is not one of the
+/// kFeatureAlignmentLevels finest.
 void check(const FeatureAlignmentTask& task, int references, int pairs);
 
 struct AlignedFeatures {

@@ -16,8 +16,10 @@ std::vector<bool> aligned_set(const std::vector<AlignedFeature>& features) {
 }
 
 /// Patches that luma has displaced do not show the whole recolouring, so it is estimated again after the first one.
-bool wants_colours(const RefinerOptions& options, const RefinedAlignment& r, int round) {
-  return options.feature_alignment.recolour && round + 1 < options.rounds && (round == 0 || r.recolouring.better());
+bool wants_colours(const RefinerOptions& options, const PoseCandidate& c, int round) {
+  const RefinedAlignment& r = *c.result;
+  return options.feature_alignment.recolour && c.level == 0 && round + 1 < options.rounds &&
+         (round == 0 || r.recolouring.better());
 }
 
 /// Computes the pose from the features of this round. Returns false if a further round would give the same.
@@ -25,11 +27,11 @@ bool take_step(const View& view, const RefinerOptions& options, int round, Align
                PoseCandidate& c) {
   RefinedAlignment& r = *c.result;
   const bool same_set = round > 0 && aligned_set(r.features) == aligned_set(found.features);
-  const Recolouring recolouring = wants_colours(options, r, round) ? recolour(found.colours) : r.recolouring;
+  const Recolouring recolouring = wants_colours(options, c, round) ? recolour(found.colours) : r.recolouring;
   r.features = std::move(found.features);
   r.rounds = round + 1;
   const Stopwatch time;
-  c.pose = refine_pose(view.camera, view.features, r.features, c.T_10, options.pose);
+  c.pose = refine_pose(view.camera, view.features, r.features, c.T_10, c.options_for(options).pose);
   record_stage(r, "feature_alignment", c.T_10, c.pose.initial_cost, alignment_ms);
   record_stage(r, "pose", c.pose.T_10, c.pose.cost, time.ms());
   // A pose with few inliers may still warp the patches better than the previous one; the next round or the verdict decides.
@@ -46,11 +48,16 @@ std::vector<FeatureAlignmentTask> tasks_of(const RefinerOptions& options, std::s
   std::vector<FeatureAlignmentTask> tasks;
   for (const PoseCandidate* c : candidates)
     tasks.push_back({pairs[c->pair].reference, static_cast<int>(c->pair), c->T_10, c->result->recolouring.weights,
-                     wants_colours(options, *c->result, round)});
+                     wants_colours(options, *c, round), c->level});
   return tasks;
 }
 
 }  // namespace
+
+RefinerOptions PoseCandidate::options_for(RefinerOptions options) const {
+  options.pose.inlier_distance *= 1 << level;
+  return options;
+}
 
 View view_of(const Aligner& aligner, int slot) { return {aligner.camera(slot), aligner.features(slot), aligner.checks(slot)}; }
 

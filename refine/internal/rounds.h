@@ -15,6 +15,10 @@ struct PoseCandidate {
   SE3 T_10;  ///< warps the next round
   PoseResult pose = {};
   int least = 0;  ///< with fewer inliers, there is no further round
+  int level = 0;  ///< FeatureAlignmentTask::level
+
+  /// Positions on a coarser level are less precise, so its inliers may be as many px of that level away.
+  RefinerOptions options_for(RefinerOptions options) const;
 };
 
 View view_of(const Aligner& aligner, int slot);

@@ -8,9 +8,25 @@
 
 namespace iclk::internal {
 
+namespace {
+
+/// Limits for poses that features find again; ICLK_AGAIN_... at full size.
+struct AgainLimits {
+  double correction, sigma, share;
+  int min_inliers;  ///< times RefinerOptions::min_inliers
+};
+// Under severe changes, right poses of models are up to 2 px off. Wrong depths on which features of half the size agree leave
+// residuals of 0.52 px and more. If a fifth of the features agrees, another season may have moved them all. The pose of 10 to
+// 19 features is no more precise than the model's.
+constexpr AgainLimits kHalfSize{2, 0.5, 0.25, 2};
+constexpr AgainLimits kFullSize{ICLK_REFUTED_CORRECTION, ICLK_AGAIN_SIGMA, ICLK_AGAIN_SHARE, 1};
+
+}  // namespace
+
 bool found_again(const Evidence& e, const RefinerOptions& options) {
-  return e.credible && !e.guessed && e.correction <= ICLK_REFUTED_CORRECTION && e.sigma <= ICLK_AGAIN_SIGMA &&
-         e.inliers >= std::max<double>(options.min_inliers, ICLK_AGAIN_SHARE * e.candidates) &&
+  const AgainLimits& limits = e.half_size ? kHalfSize : kFullSize;
+  return e.credible && !e.guessed && e.correction <= limits.correction && e.sigma <= limits.sigma &&
+         e.inliers >= std::max<double>(limits.min_inliers * options.min_inliers, limits.share * e.candidates) &&
          e.inliers >= ICLK_AGAIN_AGREEMENT * e.aligned;
 }
 

@@ -11,10 +11,11 @@ struct Evidence {
   int visible = 0;     ///< features whose patches the pose projects into image 1
   int candidates = 0;  ///< of these, the ones with texture; the others do not constrain the pose
   int aligned = 0, inliers = 0, rounds = 0;
-  bool credible = false;  ///< ICLK's pose is usable, and counts without features (RefinerOptions::keep_unconfirmed)
-  bool guessed = false;   ///< the pose started at a first guess, without a search
-  double sigma = 0;       ///< px, of the reprojection residuals
-  double correction = 0;  ///< px, median over the features of their motion by the refinement
+  bool credible = false;   ///< ICLK's pose is usable, and counts without features (RefinerOptions::keep_unconfirmed)
+  bool half_size = false;  ///< the features were found in images of half the size
+  bool guessed = false;    ///< the pose started at a first guess, without a search
+  double sigma = 0;        ///< px, of the reprojection residuals
+  double correction = 0;   ///< px, median over the features of their motion by the refinement
   Status pose_status = Status::diverged;
   std::string pose_reason;
 };

@@ -8,7 +8,8 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "refine/feature_patch.glsl"
 layout(set = 0, binding = 8, std430) writeonly buffer Aligned { AlignedInfo aligned[]; };
-
+layout(constant_id = 0) const uint LEVEL = 0;  // on which positions are found
+#define SCALE float(1u << LEVEL)
 
 // The variance of bilinearly interpolated white noise divided by that of the noise.
 float interpolation_noise(vec2 p) {
@@ -22,7 +23,7 @@ struct Template {
   bool inside;
   float T[ICLK_PATCH], Tu[ICLK_PATCH], Tv[ICLK_PATCH];
   float mean, STT, noise, texture;
-  vec2 B0, B1;       // sum grad T * T, sum grad T
+  vec2 B0, B1;  // sum grad T * T, sum grad T
   mat2 S_inverse;
 };
 
@@ -101,8 +102,7 @@ Sums sum_patch(MapView f1, vec2 c1, Template t) {
   vec2 f = first - vec2(corner);
   int at = f1.base + (corner.y + row) * f1.pitch + corner.x;
   float blend[ICLK_PATCH + 1];
-  [[unroll]] for (int i = 0; i <= ICLK_PATCH; ++i)
-    blend[i] = mix(fetch1(f1, at + i), fetch1(f1, at + f1.pitch + i), f.y);
+  [[unroll]] for (int i = 0; i <= ICLK_PATCH; ++i) blend[i] = mix(fetch1(f1, at + i), fetch1(f1, at + f1.pitch + i), f.y);
   vec4 a = vec4(0.0), b = vec4(0.0);
   [[unroll]] for (int i = 0; i < ICLK_PATCH; ++i) {
     float I = mix(blend[i], blend[i + 1], f.x) - t.mean;
@@ -181,37 +181,40 @@ Feature align_level(MapView f1, Template t, vec2 start, float max_motion) {
   return f;
 }
 
-// Level 0 from `start`, at most max_motion from the projected position.
+// LEVEL from `start`, at most max_motion from the projected position.
 Feature fine(MapView f1, Template t, vec2 start, vec2 projected) {
-  Feature f = align_level(f1, t, start, push.max_motion);
-  if (f.status == ALIGNED && length(f.uv1 - projected) > push.max_motion) {
+  Feature f = align_level(f1, t, start, push.max_motion / SCALE);
+  if (f.status == ALIGNED && length(f.uv1 - projected) > push.max_motion / SCALE) {
     f.status = DIVERGED;
     f.covariance = vec3(0.0);
   }
   return f;
 }
 
-Feature align_feature(FeatureInfo feature, FeatureTask task) {
-  Feature f = feature_at(vec2(0.0), REJECTED);
-  if (!(feature.inverse_depth > 0.0)) return f;
+vec2 on_level(vec2 uv) { return uv / SCALE + (0.5 / SCALE - 0.5); }
+
+// In px of LEVEL.
+Feature align_on_level(FeatureInfo feature, FeatureTask task) {
+  Feature f = feature_at(on_level(vec2(0.0)), REJECTED);
+  if (!(feature.inverse_depth > 0.0) || push.level_count <= LEVEL) return f;
   PatchWarp w = warp_patch(feature, task);
   f.status = OUT_OF_IMAGE;
-  f.uv1 = w.uv1;
+  f.uv1 = on_level(w.uv1);
   if (!w.valid) return f;
   vec2 uv0 = vec2(feature.u, feature.v);
 
   vec2 projected = f.uv1;
-  Template t0 = make_template(map_view(task.reference, 0), uv0, w.A_inverse);
+  Template t0 = make_template(map_view(task.reference, LEVEL), on_level(uv0), w.A_inverse);
   if (!t0.inside) return f;
   f.status = LOW_TEXTURE;
   if (!is_finite(t0.texture) || t0.texture <= push.min_texture) return f;
-  MapView f1 = map_view(task.pair, 0);
+  MapView f1 = map_view(task.pair, LEVEL);
   Feature first = fine(f1, t0, projected, projected);
   if (first.status == ALIGNED) return first;
   vec2 start = projected;
   uint coarse_iterations = 0;
   bool found = false;
-  if (push.level_count > 1u) {
+  if (LEVEL == 0u && push.level_count > 1u) {
     Template t1 = make_template(map_view(task.reference, 1), 0.5 * uv0 - 0.25, w.A_inverse);
     if (t1.inside && is_finite(t1.texture) && t1.texture > push.min_texture) {
       Feature coarse = align_level(map_view(task.pair, 1), t1, 0.5 * projected - 0.25, 0.5 * push.max_motion);
@@ -225,6 +228,13 @@ Feature align_feature(FeatureInfo feature, FeatureTask task) {
   if (!found) return first;
   f = fine(f1, t0, start, projected);
   f.iterations += coarse_iterations + first.iterations;
+  return f;
+}
+
+Feature align_feature(FeatureInfo feature, FeatureTask task) {
+  Feature f = align_on_level(feature, task);
+  f.uv1 = f.uv1 * SCALE + (0.5 * SCALE - 0.5);
+  f.covariance *= SCALE * SCALE;
   return f;
 }
 

@@ -65,7 +65,7 @@ TEST_F(Learned, WhatGreyValuesCannotConfirmStandsUnrefined) {
   cv::GaussianBlur(dull, dull, {}, 2.5);
   dull.convertTo(dull, CV_16S, 0.25, 20);
   cv::theRNG().state = 1;
-  cv::randn(noise, 0, 5);
+  cv::randn(noise, 0, 12);
   cv::Mat(dull + noise).convertTo(dull, CV_8U);
   cv::imwrite(file("dull.png"), dull);
   cv::imwrite(file("mirrored.png"), mirrored);
@@ -122,7 +122,7 @@ TEST_F(Learned, TheCheapestModelThatConvergesIsTheDefault) {
   cv::GaussianBlur(dull, dull, {}, 2.5);
   dull.convertTo(dull, CV_16S, 0.25, 20);
   cv::theRNG().state = 1;
-  cv::randn(noise, 0, 5);
+  cv::randn(noise, 0, 12);
   cv::Mat(dull + noise).convertTo(dull, CV_8U);
   cv::imwrite(file("duller.png"), dull);
   const Json hard = Json::parse(plain(nullptr, "duller.png").out);

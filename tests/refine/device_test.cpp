@@ -130,6 +130,16 @@ TEST(RefineDevice, ShaderAgreesWithTheCpuReference) {
     if (px == 0) {
       EXPECT_GT(count_aligned(device[0].features), 120);
     }
+    std::vector<FeatureAlignmentTask> mixed = both.tasks(px);  // at half the size
+    mixed[0].level = mixed[2].level = 1;
+    const auto mixed_cpu = make_feature_aligner(*both.cpu)->align(mixed);
+    const auto mixed_device = make_feature_aligner(*both.device)->align(mixed);
+    for (size_t i = 0; i < 3; ++i) expect_alike(mixed_cpu[i].features, mixed_device[i].features);
+    if (px < 2) {
+      EXPECT_GT(count_aligned(mixed_device[0].features), 100);
+    }
+    EXPECT_EQ(mixed_device[1].features[9].uv1, device[1].features[9].uv1);
+    EXPECT_NE(mixed_device[0].features[9].uv1, device[0].features[9].uv1);
   }
 }
 
@@ -157,11 +167,13 @@ TEST(RefineDevice, SmallImagesOddSizesAndOneLevel) {
     SCOPED_TRACE(testing::Message() << width << "x" << height);
     const Scene scene = scene_of(width, height, 0.01);
     Both both({scene}, levels, test::random_features(scene, 40, 4, 4));
-    for (double px : {0.0, 3.0}) {
-      const auto tasks = both.tasks(px);
-      const auto device = make_feature_aligner(*both.device)->align(tasks);
-      expect_alike(make_feature_aligner(*both.cpu)->align(tasks)[0].features, device[0].features);
-    }
+    for (int level : {0, 1})
+      for (double px : {0.0, 3.0}) {
+        std::vector<FeatureAlignmentTask> tasks = both.tasks(px);
+        tasks[0].level = level;
+        const auto device = make_feature_aligner(*both.device)->align(tasks);
+        expect_alike(make_feature_aligner(*both.cpu)->align(tasks)[0].features, device[0].features);
+      }
   }
 }
 
@@ -192,8 +204,8 @@ TEST(RefineDevice, MoreTasksThanTheBuffersHold) {
     for (size_t k = 0; k < one.size(); ++k) EXPECT_EQ(all[i].features[k].uv1, one[k].uv1);
   }
   EXPECT_TRUE(aligner->align({}).empty());
-  for (const FeatureAlignmentTask& task :
-       {FeatureAlignmentTask{-1, 0, {}}, FeatureAlignmentTask{2, 0, {}}, FeatureAlignmentTask{1, 1, {}}})
+  for (const FeatureAlignmentTask& task : {FeatureAlignmentTask{-1, 0, {}}, FeatureAlignmentTask{2, 0, {}},
+                                           FeatureAlignmentTask{1, 1, {}}, FeatureAlignmentTask{1, 0, {}, kLuma, false, 2}})
     EXPECT_THROW(aligner->align(std::span(&task, 1)), Error);
 }
 

@@ -40,10 +40,10 @@ struct Errors {
 };
 
 Errors errors(const Scene& scene, const Pyramids& p, const Features& f, const SE3& guess,
-              const FeatureAlignmentOptions& options = {}) {
+              const FeatureAlignmentOptions& options = {}, int level = 0) {
   Errors e;
   for (int i = 0; i < f.size(); ++i) {
-    const AlignedFeature a = align_feature(p.f0, p.f1, scene.camera, f.uv[i], f.inverse_depth[i], guess, options);
+    const AlignedFeature a = align_feature(p.f0, p.f1, scene.camera, f.uv[i], f.inverse_depth[i], guess, options, level);
     if (a.status != FeatureStatus::aligned) continue;
     const Eigen::Vector2d d = a.uv1 - scene.truth(f.uv[i]);
     ++e.aligned;
@@ -85,6 +85,28 @@ TEST(FeatureAlignment, FindsRotatedPatchesUnderGainAndBias) {
     EXPECT_NEAR(a.gain * 0.5 + a.bias, 1.3 * 0.5 - 0.1, 0.02);
     EXPECT_GT(a.correlation, 0.98);
   }
+}
+
+TEST(FeatureAlignment, FindsPatchesOfNoisyImagesAtHalfTheSize) {
+  Scene scene;
+  scene.T_10 = motion();
+  scene.gain = 1.3;
+  scene.noise = 0.15;
+  const Features f = test::random_features(scene, 200, 10);
+  const Pyramids p(scene, 1);
+  const Errors whole = errors(scene, p, f, scene.T_10), half = errors(scene, p, f, scene.T_10, {}, 1);
+  EXPECT_GT(half.aligned, 2 * whole.aligned);
+  EXPECT_GT(half.aligned, 100);
+  EXPECT_LT(half.rms, 0.7);
+  EXPECT_LT(half.mean.norm(), 0.05);  // pixel centres: half a pixel would show
+  EXPECT_GT(half.nees, 0.5);
+  EXPECT_LT(half.nees, 2);
+  scene.noise = 0;
+  const Errors clean = errors(scene, Pyramids(scene), f, off_by(scene, 2, -1), {}, 1);
+  EXPECT_GE(clean.aligned, 195);
+  EXPECT_LT(clean.rms, 0.06);
+  EXPECT_LT(clean.mean.norm(), 0.01);
+  EXPECT_EQ(errors(scene, Pyramids(scene, 0, 1), f, scene.T_10, {}, 1).aligned, 0) << "a pyramid of one level";
 }
 
 TEST(FeatureAlignment, IsExactAtSubPixelPlacesOfTheSameImage) {

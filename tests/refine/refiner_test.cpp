@@ -83,6 +83,7 @@ struct Fixture : ::testing::Test {
     Plan plan;
     plan.width = scene.camera.width;
     plan.height = scene.camera.height;
+    plan.max_features = std::max(features.size(), 50);
     plan.max_pairs = 2;
     plan.format = PixelFormat::r32f;
     aligner = std::make_unique<CpuAligner>(plan, AlignerOptions{});
@@ -274,6 +275,72 @@ TEST(Verdict, FewFeaturesThatFindTheSamePoseAsAModelAreEnough) {
     EXPECT_FALSE(confirmed([&](internal::Evidence& e) { e.correction = bad; })) << "another pose";
     EXPECT_FALSE(confirmed([&](internal::Evidence& e) { e.sigma = bad; })) << "agreement by chance";
   }
+}
+
+TEST(Verdict, AtHalfTheSizeAModelsPoseMayBeFurtherAndResidualsMayNot) {
+  internal::Evidence e;
+  e.visible = e.candidates = 200;
+  e.aligned = 60;
+  e.inliers = 50;
+  e.credible = e.half_size = true;
+  e.correction = 1.9;  // under severe changes
+  e.sigma = 0.49;
+  EXPECT_TRUE(internal::found_again(e, {}));
+  e.sigma = 0.52;
+  EXPECT_FALSE(internal::found_again(e, {})) << "mirrored depths: 4.6 px off";
+  e.sigma = 0.3;
+  e.correction = 2.1;
+  EXPECT_FALSE(internal::found_again(e, {}));
+  e.correction = 0.8;
+  e.candidates = 40;
+  e.inliers = e.aligned = 19;
+  EXPECT_FALSE(internal::found_again(e, {})) << "no more precise than the model";
+  e.inliers = e.aligned = 20;
+  EXPECT_TRUE(internal::found_again(e, {}));
+  e.candidates = 200;
+  e.aligned = 60;
+  e.inliers = 49;
+  EXPECT_FALSE(internal::found_again(e, {})) << "two seasons: 1.4 px off";
+}
+
+struct NoisyRefine : Refine {
+  RefinerOptions options;
+  void SetUp() override {
+    scene.noise = 0.15;
+    I0 = test::render(scene, 0, 1);
+    I1 = test::render(scene, 1, 2);
+    features = test::random_features(scene, 150, 10);
+    options.keep_unconfirmed = true;
+    Refine::SetUp();
+  }
+};
+
+TEST_F(NoisyRefine, FeaturesOfHalfTheSizeFindAModelsPoseAgain) {
+  const RefinedAlignment r = claim(off_by(1.2), options);
+  ASSERT_TRUE(r.converged() && r.refined) << r.reason;
+  EXPECT_TRUE(r.found_again);
+  EXPECT_NE(r.reason.find("features found at half the size"), std::string::npos) << r.reason;
+  EXPECT_LT(error(r.T_10), 0.25);
+  EXPECT_GT(r.covariance.trace(), 0);
+  EXPECT_EQ(r.features.size(), 150u);
+  options.keep_unconfirmed = false;
+  EXPECT_FALSE(claim(off_by(1.2), options).converged()) << "the classical mode's pose is no other evidence";
+}
+
+TEST_F(NoisyRefine, FeaturesOfHalfTheSizeDoNotReplaceAPoseFarFromTheirs) {
+  for (const double px : {3.0, -5.0}) {
+    const RefinedAlignment r = claim(off_by(px), options);
+    EXPECT_FALSE(r.refined) << r.reason;
+    EXPECT_EQ(r.T_10.matrix(), off_by(px).matrix());
+  }
+}
+
+TEST_F(NoisyRefine, APairWithAFirstGuessIsNotLookedAtAgain) {
+  Overconfident overconfident(*aligner, off_by(1.2));
+  Pair guessed = pair();
+  guessed.search = false;
+  const RefinedAlignment r = Refiner(overconfident, internal::make_feature_aligner(*aligner, {}), options).align(guessed);
+  EXPECT_FALSE(r.refined) << r.reason;
 }
 
 TEST_F(Refine, FindingTheSamePoseCountsForModelsAlone) {

@@ -35,7 +35,7 @@ TEST(LearnedTracker, StartsInAMapOnlyWhereFeaturesConfirm) {
   later.start_in(earlier.state());
 
   const auto track_blurred = [&](Tracker& tracker, size_t i) {
-    const std::vector<uint32_t> pixels = blurred(flight.views[i], 5);
+    const std::vector<uint32_t> pixels = blurred(flight.views[i], 6);
     TrackFrame frame = flight.frame(static_cast<int>(i));
     frame.image.data = pixels.data();
     return tracker.track(frame);
