@@ -230,21 +230,21 @@ AlignedFeature align_feature(const Pyramid& f0, const Pyramid& f1, const Camera&
   };
 
   // Level 1 has twice the basin and half the precision. It is used only if level 0 alone does not align the feature.
-  AlignedFeature first = fine(projected);
-  if (level == 0 && first.status != FeatureStatus::aligned && f0.size() > 1 && f1.size() > 1) {
+  AlignedFeature found = fine(projected);
+  if (level == 0 && found.status != FeatureStatus::aligned && f0.size() > 1 && f1.size() > 1) {
     const Template t1 = make_template(f0[1], on_level(uv0, 1), A_inverse);
     if (t1.inside && t1.texture > options.min_texture) {
       const AlignedFeature coarse = align_level(f1[1], t1, on_level(w.uv1, 1), max_motion / 2, options);
       if (coarse.status == FeatureStatus::aligned) {
-        f = fine((coarse.uv1.array() + 0.5) * 2 - 0.5);
-        f.iterations += first.iterations + coarse.iterations;
-        first = f;
+        const int iterations = found.iterations + coarse.iterations;
+        found = fine((coarse.uv1.array() + 0.5) * 2 - 0.5);
+        found.iterations += iterations;
       }
     }
   }
-  first.uv1 = first.uv1.array() * scale + (0.5 * scale - 0.5);
-  first.covariance *= scale * scale;
-  return first;
+  found.uv1 = found.uv1.array() * scale + (0.5 * scale - 0.5);
+  found.covariance *= scale * scale;
+  return found;
 }
 
 ColourSums colour_sums(const Map& f0, std::span<const Map> rgb1, const Camera& camera, const Eigen::Vector2d& uv0, double q,
