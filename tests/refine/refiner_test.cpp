@@ -243,6 +243,33 @@ TEST_F(NoisyRefine, FeaturesOfHalfTheSizeDoNotReplaceAPoseFarFromTheirs) {
   }
 }
 
+/// Remembers the levels on which no motion was tried.
+class Watched final : public internal::FeatureAligner {
+ public:
+  Watched(std::unique_ptr<internal::FeatureAligner> eyes, std::vector<int>& levels) : eyes_(std::move(eyes)), levels_(levels) {}
+  std::vector<internal::AlignedFeatures> align(std::span<const internal::FeatureAlignmentTask> tasks) override {
+    for (const internal::FeatureAlignmentTask& task : tasks)
+      if (task.T_10.matrix().isIdentity(1e-12)) levels_.push_back(task.level);
+    return eyes_->align(tasks);
+  }
+  int pairs_per_batch() const override { return eyes_->pairs_per_batch(); }
+
+ private:
+  std::unique_ptr<internal::FeatureAligner> eyes_;
+  std::vector<int>& levels_;
+};
+
+TEST_F(NoisyRefine, RivalsOfAPoseFromHalfTheSizeAreAlignedThere) {
+  Overconfident overconfident(*aligner, off_by(1.2));
+  std::vector<int> levels;
+  Pair found = pair();
+  found.found = true;  // no motion is a rival then
+  auto eyes = std::make_unique<Watched>(internal::make_feature_aligner(*aligner, {}), levels);
+  const RefinedAlignment r = Refiner(overconfident, std::move(eyes), options).align(found);
+  EXPECT_TRUE(r.refined) << r.reason;
+  EXPECT_EQ(levels, std::vector<int>{1});
+}
+
 TEST_F(NoisyRefine, APairWithAFirstGuessIsNotLookedAtAgain) {
   Overconfident overconfident(*aligner, off_by(1.2));
   Pair guessed = pair();

@@ -1,6 +1,7 @@
 #include <cmath>
 
 #include <gtest/gtest.h>
+#include <iclk/refine/internal/rounds.h>
 #include <iclk/refine/internal/verdict.h>
 
 namespace iclk {
@@ -69,6 +70,13 @@ TEST(Verdict, FewFeaturesThatFindTheSamePoseAsAModelAreEnough) {
     EXPECT_FALSE(confirmed([&](internal::Evidence& e) { e.correction = bad; })) << "another pose";
     EXPECT_FALSE(confirmed([&](internal::Evidence& e) { e.sigma = bad; })) << "agreement by chance";
   }
+}
+
+TEST(Verdict, AnInlierMayBeTwiceAsFarAtHalfTheSize) {
+  internal::PoseCandidate candidate;
+  EXPECT_EQ(candidate.options_for({}).pose.inlier_distance, PoseOptions().inlier_distance);
+  candidate.level = 1;
+  EXPECT_EQ(candidate.options_for({}).pose.inlier_distance, 2 * PoseOptions().inlier_distance);
 }
 
 TEST(Verdict, AtHalfTheSizeAModelsPoseMayBeFurtherAndResidualsMayNot) {
