@@ -45,6 +45,17 @@ bool refines(const internal::View& view, const RefinedAlignment& alike, const Re
   return rank(alike) >= rank(given) && !moved.empty() && moved[moved.size() / 2] < kNear;
 }
 
+/// Sets the unconfirmed pose of a model to the mean with that by local contrast, if they are near each other. Their errors have
+/// different causes.
+void take_mean(const internal::View& view, const SE3& by_contrast, RefinedAlignment& answer) {
+  constexpr double kNear = 3;  // px, median over the features
+  const std::vector<double> apart = internal::motions(view, answer.T_10, by_contrast);
+  if (answer.refined || apart.empty() || !(apart[apart.size() / 2] <= kNear)) return;
+  answer.T_10 = answer.T_10 * SE3::exp(0.5 * (answer.T_10.inverse() * by_contrast).log());
+  internal::record_stage(answer, "mean", answer.T_10, answer.stages.back().cost, 0);
+  answer.reason += "; mean with the pose by local contrast";
+}
+
 /// A view of a copy of the pixels, rows packed.
 ImageView keep(const ImageView& image, std::vector<uint8_t>& pixels) {
   if (image.empty()) return {};
@@ -298,6 +309,7 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
   std::vector<Pair> pairs(given.begin(), given.end());
   std::vector<RefinedAlignment> results(pairs.size());
   std::vector<std::optional<internal::PairBlur>> blurs(pairs.size());
+  std::vector<std::optional<SE3>> by_contrast(pairs.size());
   std::vector<size_t> left(pairs.size());
   for (size_t i = 0; i < left.size(); ++i) left[i] = i;
   for (const Look& look : looks_) {
@@ -318,6 +330,10 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
       RefinedAlignment& r = results[i];
       RefinedAlignment answer =
           blurs[i] ? answer_alike(look, pairs[i], *blurs[i], r) : look_past_blur(look, pairs[i], std::move(*next++), blurs[i]);
+      if (look.local_contrast)
+        by_contrast[i] = answer.T_10;
+      else if (by_contrast[i])
+        take_mean(internal::view_of(*running_[look.step].aligner, pairs[i].reference), *by_contrast[i], answer);
       answer.model = steps_[look.step].model;
       std::vector<Attempt> attempts = std::move(r.attempts);
       attempts.push_back({answer.model + (look.local_contrast ? ", local contrast"

@@ -35,6 +35,9 @@ struct CascadePair {
 /// images blurred alike (RefinedAlignment::blur). That answer counts if its features confirm it, or if it is near the first
 /// one.
 ///
+/// The pose of a learned model that features do not confirm becomes the mean with the pose by local contrast, if the two are
+/// near each other. Its covariance and status are those of the model.
+///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.
 class Cascade {

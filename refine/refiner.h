@@ -61,7 +61,7 @@ struct RefinerOptions {
 
 /// The pose after a stage.
 struct Stage {
-  std::string name;  ///< "iclk", "feature_alignment", "pose", "structure"
+  std::string name;  ///< "iclk", "feature_alignment", "pose", "structure", "rivals", "mean"
   SE3 T_10;          ///< feature_alignment: the pose by which it warped, unchanged
   double cost = 0;   ///< iclk: Alignment::cost; the others: mean Cauchy loss of the aligned features at T_10, px^2
   double ms = 0;     ///< sum over the rounds; the time of a batch is divided evenly among its pairs
@@ -89,7 +89,7 @@ struct RefinedAlignment {
   Matrix6d covariance = Matrix6d::Zero();
   Status status = Status::diverged;  ///< the final status, after all stages
   std::string reason;                ///< explains the status, with the numbers that decided it
-  bool refined = false;              ///< true: pose and covariance are from the refinement; false: from ICLK
+  bool refined = false;              ///< true: pose and covariance are from the refinement; false: from ICLK (see Cascade)
   bool found_again = false;          ///< the features found the pose of a learned model again (docs/explain/verdict.md)
   Recolouring recolouring;           ///< of the target in the rounds after the first
   /// The stages that ran, in order, one entry per name: the pose of the last round, the time of all rounds.

@@ -34,22 +34,23 @@ void require_file(const std::string& path, const std::string& where) {
   throw Error(ErrorCode::io, where + ": no such file: " + path);
 }
 
-/// "initial", then what ran; a stage that did not, or that left no error to speak of, keeps the one before. A refined pose that
-/// was not believed is not the answer: iclk's is.
+/// "initial", then what ran; a stage that did not, or that left no error to speak of, keeps the one before. If the features do
+/// not confirm the answer, the stage "pose" has the answer too.
 void add_stages(EvalSample& sample, const PairInput& pair, const RefinedAlignment& result,
                 const std::vector<std::string>& names) {
-  sample.found = std::isfinite(pose_error(pair.camera, pair.features, result.T_10, *pair.truth).e_pixel);
+  const PoseError answer = pose_error(pair.camera, pair.features, result.T_10, *pair.truth);
+  const bool confirmed = usable(result.status) && result.refined;
+  sample.found = std::isfinite(answer.e_pixel);
   for (const std::string& name : names) {
     StageError next{name, sample.final(), false};
     for (const Stage& stage : result.stages) {
       if (stage.name != name || !sample.found) continue;
-      PoseError error = stage_error(pair, result, stage);
-      if ((!usable(result.status) || !result.refined) && (name == "pose" || name == "structure"))
-        error = pose_error(pair.camera, pair.features, result.T_10, *pair.truth);
+      const PoseError error = stage_error(pair, result, stage);
       if (!std::isfinite(error.e_pixel)) continue;
       next.error = error;
       next.ran = true;
     }
+    if (!confirmed && sample.found && (name == "pose" || name == "structure")) next.error = answer;
     sample.stages.push_back(std::move(next));
   }
 }
