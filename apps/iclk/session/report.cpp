@@ -128,8 +128,8 @@ std::string hint(Status status, bool feature_file) {
       return "too few usable features: check that --depth belongs to this reference and that --depth-scale is right; or try "
              "--count 400 or --set detector=grid";
     case Status::diverged:
-      return "the images do not agree: check that they show the same place, and that --camera and --depth-scale are right; if "
-             "the roll is above 30 degrees, give --initial-pose or a closer frame";
+      return "the images do not agree: check that they show the same place, and that --camera and --depth-scale are right; or "
+             "give --initial-pose, or a closer frame";
     case Status::ambiguous:
       return "another pose explains the images just as well: hide moving objects, and all that is fixed to the camera, with "
              "--mask; if the texture repeats, give --initial-pose";
