@@ -52,7 +52,7 @@ void take_mean(const internal::View& view, const SE3& by_contrast, RefinedAlignm
   const std::vector<double> apart = internal::motions(view, answer.T_10, by_contrast);
   if (answer.refined || apart.empty() || !(apart[apart.size() / 2] <= kNear)) return;
   answer.T_10 = answer.T_10 * SE3::exp(0.5 * (answer.T_10.inverse() * by_contrast).log());
-  internal::record_stage(answer, "mean", answer.T_10, answer.stages.back().cost, 0);
+  internal::record_stage(answer, "correction", answer.T_10, answer.stages.back().cost, 0);
   answer.reason += "; mean with the pose by local contrast";
 }
 

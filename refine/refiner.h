@@ -61,7 +61,7 @@ struct RefinerOptions {
 
 /// The pose after a stage.
 struct Stage {
-  std::string name;  ///< "iclk", "feature_alignment", "pose", "structure", "rivals", "mean"
+  std::string name;  ///< "iclk", "feature_alignment", "pose", "structure", "rivals", "correction"
   SE3 T_10;          ///< feature_alignment: the pose by which it warped, unchanged
   double cost = 0;   ///< iclk: Alignment::cost; the others: mean Cauchy loss of the aligned features at T_10, px^2
   double ms = 0;     ///< sum over the rounds; the time of a batch is divided evenly among its pairs

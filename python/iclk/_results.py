@@ -21,7 +21,7 @@ class Attempt(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """The pose after a stage: "iclk", "feature_alignment", "pose", "structure", "rivals", "mean"."""
+    """The pose after a stage: "iclk", "feature_alignment", "pose", "structure", "rivals", "correction"."""
 
     name: str
     T_10: Floats  #: 4 x 4

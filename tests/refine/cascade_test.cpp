@@ -212,7 +212,7 @@ TEST_F(Cascaded, AnUnconfirmedPoseIsTheMeanWithThatByLocalContrast) {
   ASSERT_TRUE(mean.converged() && !mean.refined) << mean.reason;
   EXPECT_NEAR(error(mean), 1, 0.3) << mean.reason;
   EXPECT_EQ(mean.covariance, alone.covariance);
-  EXPECT_EQ(mean.stages.back().name, "mean");
+  EXPECT_EQ(mean.stages.back().name, "correction");
   EXPECT_EQ(mean.model, "model");
 
   const RefinedAlignment far = answer(4, true, kMany);
