@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstring>
 #include <iterator>
+#include <limits>
 #include <map>
 #include <string>
 #include <utility>
@@ -35,25 +36,20 @@ RefinedAlignment unrefined(const Reference& reference, Alignment alignment, doub
 
 constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contrast at a time
 
+constexpr double kNear = 5;  // px, median over the features: the same pose, found in other images
+
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
 
-/// Whether an unconfirmed answer from images that were blurred alike is a refinement of the one from the images as they are.
-bool refines(const internal::View& view, const RefinedAlignment& alike, const RefinedAlignment& given) {
-  constexpr double kNear = 5;  // px, median over the features
-  const std::vector<double> moved = internal::motions(view, alike.T_10, given.T_10);
-  return rank(alike) >= rank(given) && !moved.empty() && moved[moved.size() / 2] < kNear;
+/// The motion of the features between two poses: px, median.
+double distance(const internal::View& view, const SE3& a, const SE3& b) {
+  const std::vector<double> moved = internal::motions(view, a, b);
+  return moved.empty() ? std::numeric_limits<double>::infinity() : moved[moved.size() / 2];
 }
 
-/// Sets the unconfirmed pose of a model to the mean with that by local contrast, if they are near each other. Their errors have
-/// different causes.
-void take_mean(const internal::View& view, const SE3& by_contrast, RefinedAlignment& answer) {
-  constexpr double kNear = 3;  // px, median over the features
-  const std::vector<double> apart = internal::motions(view, answer.T_10, by_contrast);
-  if (answer.refined || apart.empty() || !(apart[apart.size() / 2] <= kNear)) return;
-  answer.T_10 = answer.T_10 * SE3::exp(0.5 * (answer.T_10.inverse() * by_contrast).log());
-  internal::record_stage(answer, "correction", answer.T_10, answer.stages.back().cost, 0);
-  answer.reason += "; mean with the pose by local contrast";
+/// Whether an unconfirmed answer from images that were blurred alike is a refinement of the one from the images as they are.
+bool refines(const internal::View& view, const RefinedAlignment& alike, const RefinedAlignment& given) {
+  return rank(alike) >= rank(given) && distance(view, alike.T_10, given.T_10) < kNear;
 }
 
 /// A view of a copy of the pixels, rows packed.
@@ -200,20 +196,21 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
 /// Pairs with other images. The keyframes have theirs back at the end.
 class Cascade::Changed {
  public:
-  Changed(Cascade& cascade, std::span<const Pair> given, bool local_contrast, const internal::PairBlur* blur)
+  using Filter = internal::FloatImage (*)(const ImageView& image, const ImageView& mask);  // null: none
+  Changed(Cascade& cascade, std::span<const Pair> given, Filter filter, const internal::PairBlur* blur)
       : Changed(cascade) {  // from here on, the destructor runs even if this throws
     pairs.assign(given.begin(), given.end());
     for (Pair& pair : pairs) {
       Keyframe& keyframe = cascade.keyframes_[static_cast<size_t>(pair.reference)];
       if (own_.try_emplace(pair.reference, keyframe.reference.image).second) {
         if (blur) keyframe.reference.image = keep(internal::blurred(keyframe.reference.image, blur->target_in_reference));
-        if (local_contrast) keyframe.reference.image = keep(internal::local_contrast(keyframe.reference.image));
+        if (filter) keyframe.reference.image = keep(filter(keyframe.reference.image, {}));
         keyframe.version = ++cascade.versions_;
       }
       if (blur) pair.target = keep(internal::blurred(pair.target, blur->reference_in_target));
       if (blur && !pair.target_mask.empty())
         pair.target_mask = masks_.emplace_back(internal::blurred_mask(pair.target_mask, blur->reference_in_target)).view;
-      if (local_contrast) pair.target = keep(internal::local_contrast(pair.target, pair.target_mask));
+      if (filter) pair.target = keep(filter(pair.target, pair.target_mask));
     }
   }
   ~Changed() {
@@ -250,7 +247,8 @@ std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<P
   const size_t at_once =
       std::max(size_t{1}, kMostPixels / (static_cast<size_t>(image.width) * static_cast<size_t>(image.height)));
   for (size_t first = 0; first < pairs.size(); first += at_once) {
-    const Changed changed(*this, std::span(pairs).subspan(first, std::min(at_once, pairs.size() - first)), true, nullptr);
+    const Changed changed(*this, std::span(pairs).subspan(first, std::min(at_once, pairs.size() - first)),
+                          internal::local_contrast, nullptr);
     for (RefinedAlignment& r : run(look.step, changed.pairs)) answers.push_back(std::move(r));
   }
   for (RefinedAlignment& r : answers) {
@@ -269,7 +267,7 @@ std::optional<internal::PairBlur> Cascade::blur_of(const Pair& pair, const Refin
 
 std::optional<RefinedAlignment> Cascade::align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                                      const RefinedAlignment& given) {
-  const Changed changed(*this, {&pair, 1}, look.local_contrast, &blur);
+  const Changed changed(*this, {&pair, 1}, look.local_contrast ? internal::local_contrast : nullptr, &blur);
   RefinedAlignment answer = run(look.step, changed.pairs).front();
   internal::judge_second_look(answer);
   const internal::View view = internal::view_of(*running_[look.step].aligner, pair.reference);
@@ -294,6 +292,38 @@ RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, Ref
   return alike ? std::move(*alike) : answer;
 }
 
+std::optional<SE3> Cascade::pose_by_edges(const Pair& pair, const Opinion& by_contrast, const SE3& start) {
+  constexpr double kLeast = 0.2, kOfContrast = 0.65;  // noise hides edges more than areas
+  Changed changed(*this, {&pair, 1}, internal::edges, nullptr);
+  changed.pairs.front().T_10 = start;
+  changed.pairs.front().search = false;
+  prepare(by_contrast.step, pair.reference);
+  const Alignment found = running_[by_contrast.step].aligner->align(changed.pairs).front();
+  if (!(found.correlation >= std::max(kLeast, kOfContrast * by_contrast.correlation))) return {};
+  return found.T_10;
+}
+
+void Cascade::correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
+  constexpr double kForMean = 3;  // px, median over the features
+  if (answer.refined || answer.status == Status::ambiguous) return;
+  const internal::Stopwatch time;
+  const SE3 given = answer.T_10;
+  const std::optional<SE3> by_edges = pose_by_edges(pair, by_contrast, given);
+  const internal::View view = internal::view_of(*running_[by_contrast.step].aligner, pair.reference);
+  const char* how = nullptr;
+  if (by_edges && distance(view, *by_edges, given) < kNear) {
+    answer.T_10 = *by_edges;
+    how = "; pose by edges";
+  } else if (const double apart = distance(view, by_contrast.T_10, given); apart > 0 && apart <= kForMean) {
+    answer.T_10 = given * SE3::exp(0.5 * (given.inverse() * by_contrast.T_10).log());
+    how = "; mean with the pose by local contrast";
+  }
+  times_.align += time.ms();
+  if (how == nullptr) return;
+  answer.reason += how;
+  internal::record_stage(answer, "correction", answer.T_10, answer.stages.back().cost, time.ms());
+}
+
 void Cascade::find_starts(const std::vector<size_t>& left, int threads, std::vector<Pair>& pairs) const {
   for (const size_t i : left) {
     Pair& pair = pairs[i];
@@ -309,7 +339,7 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
   std::vector<Pair> pairs(given.begin(), given.end());
   std::vector<RefinedAlignment> results(pairs.size());
   std::vector<std::optional<internal::PairBlur>> blurs(pairs.size());
-  std::vector<std::optional<SE3>> by_contrast(pairs.size());
+  std::vector<std::optional<Opinion>> by_contrast(pairs.size());
   std::vector<size_t> left(pairs.size());
   for (size_t i = 0; i < left.size(); ++i) left[i] = i;
   for (const Look& look : looks_) {
@@ -330,10 +360,7 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
       RefinedAlignment& r = results[i];
       RefinedAlignment answer =
           blurs[i] ? answer_alike(look, pairs[i], *blurs[i], r) : look_past_blur(look, pairs[i], std::move(*next++), blurs[i]);
-      if (look.local_contrast)
-        by_contrast[i] = answer.T_10;
-      else if (by_contrast[i])
-        take_mean(internal::view_of(*running_[look.step].aligner, pairs[i].reference), *by_contrast[i], answer);
+      if (look.local_contrast) by_contrast[i] = Opinion{look.step, answer.T_10, answer.iclk.correlation};
       answer.model = steps_[look.step].model;
       std::vector<Attempt> attempts = std::move(r.attempts);
       attempts.push_back({answer.model + (look.local_contrast ? ", local contrast"
@@ -348,6 +375,8 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
     unsettled.insert(unsettled.end(), skipped.begin(), skipped.end());
     left = std::move(unsettled);
   }
+  for (size_t i = 0; i < pairs.size(); ++i)
+    if (by_contrast[i]) correct(pairs[i], *by_contrast[i], results[i]);
   return results;
 }
 

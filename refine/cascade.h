@@ -35,8 +35,9 @@ struct CascadePair {
 /// images blurred alike (RefinedAlignment::blur). That answer counts if its features confirm it, or if it is near the first
 /// one.
 ///
-/// The pose of a learned model that features do not confirm becomes the mean with the pose by local contrast, if the two are
-/// near each other. Its covariance and status are those of the model.
+/// A pose that features do not confirm is corrected, if a look by local contrast was taken. Edges give another pose. If they
+/// correlate too little, the answer is the mean with the pose by local contrast. Both must be near the pose that they correct.
+/// Covariance and status remain those of the first.
 ///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.
@@ -97,6 +98,12 @@ class Cascade {
     bool local_contrast = false, gradients = false;
     bool first = false, last = false;
   };
+  /// The pose of a look, and the correlation of its images there.
+  struct Opinion {
+    size_t step = 0;
+    SE3 T_10;
+    double correlation = 0;
+  };
   class Changed;
   void start(size_t step);
   void prepare(size_t step, int slot);
@@ -111,6 +118,10 @@ class Cascade {
   /// Aligns a pair with both images blurred alike. Nothing if features do not confirm the answer and it is far from `given`.
   std::optional<RefinedAlignment> align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                               const RefinedAlignment& given);
+  /// The pose in images of edges, from a start. Nothing if these correlate too little.
+  std::optional<SE3> pose_by_edges(const Pair& pair, const Opinion& by_contrast, const SE3& start);
+  /// Corrects a pose that no features confirm.
+  void correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer);
   RefinedAlignment answer_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                 const RefinedAlignment& given);
   /// Sets `blur`, with which later looks align the pair. If no other look follows, or this one is cheap, it aligns it again.

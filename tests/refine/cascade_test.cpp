@@ -41,18 +41,15 @@ AlignerOptions options_of(bool search) {
 class Cascaded : public testing::Test {
  protected:
   Cascade::Step step(const std::string& model, bool search, bool refine = true) {
-    const auto make = [this, search] {
-      ++made_;
-      return make_cpu_aligner(plan(), options_of(search));
-    };
-    return {model, make, refine ? std::optional(RefinerOptions()) : std::nullopt};
-  }
-  static Plan plan() {
     Plan plan{160, 120};
     plan.max_features = 60;
     plan.max_references = plan.max_pairs = 3;
     plan.format = PixelFormat::r32f;
-    return plan;
+    const auto make = [this, plan, search] {
+      ++made_;
+      return make_cpu_aligner(plan, options_of(search));
+    };
+    return {model, make, refine ? std::optional(RefinerOptions()) : std::nullopt};
   }
   int made_ = 0;
   Scene near_{0.01}, far_{0.3}, other_{0.01, 9};
@@ -175,53 +172,6 @@ class Failing : public Aligner {
   std::unique_ptr<Aligner> aligner_;
   const bool& fails_;
 };
-
-/// A model whose poses are off by a motion.
-class Biased : public CpuAligner {
- public:
-  Biased(const Plan& plan, const AlignerOptions& options, const SE3& error) : CpuAligner(plan, options), error_(error) {}
-  std::vector<Alignment> align(std::span<const Pair> pairs) override {
-    std::vector<Alignment> found = CpuAligner::align(pairs);
-    for (Alignment& a : found) a.T_10 = a.T_10 * error_;
-    return found;
-  }
-
- private:
-  SE3 error_;
-};
-
-TEST_F(Cascaded, AnUnconfirmedPoseIsTheMeanWithThatByLocalContrast) {
-  const auto answer = [&](double pixels, bool local_contrast, int needed) {
-    Cascade::Step classical = step("classical", true), model = step("model", true);
-    classical.refiner->min_inliers = 1000;
-    classical.local_contrast = local_contrast;
-    model.refiner->min_inliers = needed;
-    model.refiner->keep_unconfirmed = true;
-    const SE3 error = SE3::exp((Vector6d() << 0, 0, 0, 0, pixels / near_.relief.camera.fx, 0).finished());
-    model.make = [error] { return std::make_unique<Biased>(plan(), options_of(true), error); };
-    Cascade cascade({classical, model});
-    const CascadePair pair = near_.pair();
-    return cascade.align(std::span(&pair, 1)).front();
-  };
-  const auto error = [&](const RefinedAlignment& r) { return test::pixel_error(near_.relief, near_.features, r.T_10); };
-  constexpr int kMany = 1000;
-
-  const RefinedAlignment alone = answer(2, false, kMany), mean = answer(2, true, kMany);
-  ASSERT_TRUE(alone.converged() && !alone.refined) << alone.reason;
-  EXPECT_NEAR(error(alone), 2, 0.3);
-  ASSERT_TRUE(mean.converged() && !mean.refined) << mean.reason;
-  EXPECT_NEAR(error(mean), 1, 0.3) << mean.reason;
-  EXPECT_EQ(mean.covariance, alone.covariance);
-  EXPECT_EQ(mean.stages.back().name, "correction");
-  EXPECT_EQ(mean.model, "model");
-
-  const RefinedAlignment far = answer(4, true, kMany);
-  EXPECT_NEAR(error(far), 4, 0.5) << "poses that are not the same have no mean: " << far.reason;
-  const RefinedAlignment confirmed = answer(2, true, 10);
-  ASSERT_TRUE(confirmed.refined) << confirmed.reason;
-  EXPECT_LT(error(confirmed), 0.1) << confirmed.reason;
-  EXPECT_EQ(confirmed.T_10.matrix(), answer(2, false, 10).T_10.matrix()) << "the features know better";
-}
 
 TEST_F(Cascaded, AKeyframeStaysWhereItsSuccessorFails) {
   bool fails = false;

@@ -1,0 +1,114 @@
+// A model's pose that no features confirm is corrected by edges, or by local contrast.
+#include <random>
+
+#include <gtest/gtest.h>
+#include <iclk/align/cpu/cpu_aligner.h>
+#include <iclk/refine/cascade.h>
+
+#include "../support/relief.h"
+
+namespace iclk {
+namespace {
+
+using test::Frame;
+using test::Relief;
+
+/// A model with a pose of its own.
+class Model : public CpuAligner {
+ public:
+  Model(const Plan& plan, const SE3& T_10) : CpuAligner(plan, AlignerOptions()), T_10_(T_10) {}
+  std::vector<Alignment> align(std::span<const Pair> pairs) override {
+    std::vector<Alignment> found = CpuAligner::align(pairs);
+    for (Alignment& a : found) {
+      a.T_10 = T_10_;
+      a.status = Status::converged;
+      a.covariance = Matrix6d::Identity() * 1e-6;
+    }
+    return found;
+  }
+
+ private:
+  SE3 T_10_;
+};
+
+class Correction : public testing::Test {
+ protected:
+  Correction() {
+    relief_.camera = {260, 260, 159.5, 119.5, 320, 240};
+    relief_.T_10 = SE3::exp((Vector6d() << 0.02, -0.01, 0.02, 0.003, 0.004, 0.005).finished());
+    render(16);
+    features_ = test::random_features(relief_, 80);
+  }
+  /// `shortest`: wavelength of the texture, px.
+  void render(double shortest) {
+    relief_.shortest = shortest;
+    image0_ = test::render(relief_, 0);
+    image1_ = test::render(relief_, 1);
+  }
+  /// Of a cascade whose model is off by `pixels`. Its features confirm nothing if they are `silent`.
+  RefinedAlignment answer(double pixels, bool local_contrast = true, bool silent = true) const {
+    const SE3 error = SE3::exp((Vector6d() << 0, 0, 0, 0, pixels / relief_.camera.fx, 0).finished());
+    Plan plan{320, 240};
+    plan.max_features = 80;
+    plan.format = PixelFormat::r32f;
+    RefinerOptions refuses, keeps;
+    refuses.min_inliers = 1000;
+    keeps.min_inliers = silent ? 1000 : 10;
+    keeps.keep_unconfirmed = true;
+    Cascade cascade(
+        {{"classical", [&] { return make_cpu_aligner(plan, AlignerOptions()); }, refuses, local_contrast, false, false},
+         {"model", [&] { return std::make_unique<Model>(plan, relief_.T_10 * error); }, keeps, false, false, false}});
+    const CascadePair pair{{image0_.view(), relief_.camera, features_, {}}, image1_.view(), {}};
+    return cascade.align(std::span(&pair, 1)).front();
+  }
+  double error(const RefinedAlignment& r) const { return test::pixel_error(relief_, features_, r.T_10); }
+  void add_noise(double sigma) {
+    std::mt19937 random(5);
+    std::normal_distribution<float> noise(0, static_cast<float>(sigma));
+    for (Frame* frame : {&image0_, &image1_})
+      for (float& x : frame->data) x += noise(random);
+  }
+
+  Relief relief_;
+  Frame image0_, image1_;
+  Features features_;
+};
+
+TEST_F(Correction, EdgesCorrectAModelWhereContrastIsInverted) {
+  for (float& x : image1_.data) x = 1 - x;
+  const RefinedAlignment alone = answer(2, false), corrected = answer(2);
+  ASSERT_TRUE(alone.converged() && !alone.refined) << alone.reason;
+  EXPECT_NEAR(error(alone), 2, 0.3);
+  ASSERT_TRUE(corrected.converged() && !corrected.refined) << corrected.reason;
+  EXPECT_LT(error(corrected), 0.2) << corrected.reason;
+  EXPECT_EQ(corrected.covariance, alone.covariance);
+  EXPECT_EQ(corrected.stages.back().name, "correction");
+  EXPECT_EQ(corrected.stages.back().T_10.matrix(), corrected.T_10.matrix());
+  EXPECT_EQ(corrected.model, "model");
+}
+
+TEST_F(Correction, NoiseHidesEdges) {
+  add_noise(0.03);
+  const RefinedAlignment alone = answer(2, false), mean = answer(2);
+  EXPECT_NEAR(error(alone), 2, 0.3);
+  EXPECT_NEAR(error(mean), 1, 0.3) << mean.reason;
+  EXPECT_NE(mean.reason.find("mean with the pose by local contrast"), std::string::npos) << mean.reason;
+  const RefinedAlignment far = answer(4);
+  EXPECT_NEAR(error(far), 4, 0.5) << "not the same pose: " << far.reason;
+}
+
+TEST_F(Correction, FarPosesStay) {
+  render(60);
+  const RefinedAlignment near = answer(4), far = answer(7);
+  EXPECT_LT(error(near), 0.2) << near.reason;
+  EXPECT_NEAR(error(far), 7, 1) << far.reason;
+}
+
+TEST_F(Correction, ConfirmedPosesStay) {
+  const RefinedAlignment confirmed = answer(0.5, true, false);
+  ASSERT_TRUE(confirmed.refined) << confirmed.reason;
+  EXPECT_EQ(confirmed.T_10.matrix(), answer(0.5, false, false).T_10.matrix());
+}
+
+}  // namespace
+}  // namespace iclk
