@@ -49,7 +49,7 @@ struct SessionOptions {
   bool refine = true;           ///< false: the answer is the pose of ICLK
   RefinerOptions refiner = {};  ///< keep_unconfirmed is set for each model: true with a learned one
   /// Pairs that do not converge are aligned again: from a start by gradients, with even local contrast, with both images
-  /// blurred alike. False saves time where most pairs are not expected to converge.
+  /// blurred alike. Poses that no features confirm are corrected. False saves time where few pairs will converge.
   bool second_looks = true;
 
   DetectorOptions detector = {};  ///< for features that the session chooses
