@@ -44,6 +44,7 @@ EvalReport evaluate(const std::string& path, const EvalOptions& options, int rou
   session.stages = {{}};
   session.refiner.rounds = rounds;
   session.refiner.min_inliers = min_inliers;
+  session.second_looks = min_inliers == 10;  // they correct a pose that is not believed
   return run_eval(manifest, loader, session, options, [](int, int) {});
 }
 
