@@ -305,13 +305,15 @@ std::optional<SE3> Cascade::pose_by_edges(const Pair& pair, const Opinion& by_co
 
 void Cascade::correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
   constexpr double kForMean = 3;  // px, median over the features
+  // A claim moves no farther than by a mean, because its covariance does not know of the correction.
+  const double by_edges_at_most = answer.converged() ? 0.5 * kForMean : kNear;
   if (answer.refined || answer.status == Status::ambiguous) return;
   const internal::Stopwatch time;
   const SE3 given = answer.T_10;
   const std::optional<SE3> by_edges = pose_by_edges(pair, by_contrast, given);
   const internal::View view = internal::view_of(*running_[by_contrast.step].aligner, pair.reference);
   const char* how = nullptr;
-  if (by_edges && distance(view, *by_edges, given) < kNear) {
+  if (by_edges && distance(view, *by_edges, given) <= by_edges_at_most) {
     answer.T_10 = *by_edges;
     how = "; pose by edges";
   } else if (const double apart = distance(view, by_contrast.T_10, given); apart > 0 && apart <= kForMean) {
