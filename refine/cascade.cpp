@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cstring>
 #include <iterator>
-#include <limits>
 #include <map>
 #include <string>
 #include <utility>
@@ -36,20 +35,14 @@ RefinedAlignment unrefined(const Reference& reference, Alignment alignment, doub
 
 constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contrast at a time
 
-constexpr double kNear = 5;  // px, median over the features: the same pose, found in other images
+constexpr double kNear = 5;  // px, median motion of the features: the same pose, found in other images
 
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
 
-/// The motion of the features between two poses: px, median.
-double distance(const internal::View& view, const SE3& a, const SE3& b) {
-  const std::vector<double> moved = internal::motions(view, a, b);
-  return moved.empty() ? std::numeric_limits<double>::infinity() : moved[moved.size() / 2];
-}
-
 /// Whether an unconfirmed answer from images that were blurred alike is a refinement of the one from the images as they are.
 bool refines(const internal::View& view, const RefinedAlignment& alike, const RefinedAlignment& given) {
-  return rank(alike) >= rank(given) && distance(view, alike.T_10, given.T_10) < kNear;
+  return rank(alike) >= rank(given) && internal::median_motion(view, alike.T_10, given.T_10) < kNear;
 }
 
 /// A view of a copy of the pixels, rows packed.
@@ -313,10 +306,10 @@ void Cascade::correct(const Pair& pair, const Opinion& by_contrast, RefinedAlign
   const std::optional<SE3> by_edges = pose_by_edges(pair, by_contrast, given);
   const internal::View view = internal::view_of(*running_[by_contrast.step].aligner, pair.reference);
   const char* how = nullptr;
-  if (by_edges && distance(view, *by_edges, given) <= by_edges_at_most) {
+  if (by_edges && internal::median_motion(view, *by_edges, given) <= by_edges_at_most) {
     answer.T_10 = *by_edges;
     how = "; pose by edges";
-  } else if (const double apart = distance(view, by_contrast.T_10, given); apart > 0 && apart <= kForMean) {
+  } else if (const double apart = internal::median_motion(view, by_contrast.T_10, given); apart > 0 && apart <= kForMean) {
     answer.T_10 = given * SE3::exp(0.5 * (given.inverse() * by_contrast.T_10).log());
     how = "; mean with the pose by local contrast";
   }

@@ -107,8 +107,7 @@ bool decide(const View& view, const PoseResult& pose, const RefinerOptions& opti
   e.inliers = pose.inliers;
   e.rounds = r.rounds;
   e.sigma = pose.sigma;
-  if (const std::vector<double> moved = motions(view, r.iclk.T_10, pose.T_10); !moved.empty())
-    e.correction = moved[moved.size() / 2];
+  e.correction = median_motion(view, r.iclk.T_10, pose.T_10);
   e.pose_status = pose.status;
   e.pose_reason = pose.reason;
   Verdict verdict = judge(e, r.features, r.recolouring, options);

@@ -273,6 +273,11 @@ std::vector<double> motions(const View& view, const SE3& a, const SE3& b) {
   return m;
 }
 
+double median_motion(const View& view, const SE3& a, const SE3& b) {
+  const std::vector<double> all = motions(view, a, b);
+  return all.empty() ? std::numeric_limits<double>::infinity() : all[all.size() / 2];
+}
+
 namespace {
 
 /// Whether one pose dominates: the other explains only repetitions, or a small part that moves independently. Widely spread
@@ -299,8 +304,8 @@ void weigh(const View& view, const RefinerOptions& options, std::span<RefinedAli
   std::vector<Rival> others;
   const auto consider = [&](const RefinedAlignment& other) {
     if (&other == best || other.inliers < options.min_inliers) return;
-    const std::vector<double> apart = motions(view, best->T_10, other.T_10);
-    if (!(apart[apart.size() / 2] > options.pose.inlier_distance) || dominates(view, options, *best, other)) return;
+    const double apart = median_motion(view, best->T_10, other.T_10);
+    if (!(apart > options.pose.inlier_distance) || dominates(view, options, *best, other)) return;
     others.push_back({other.T_10, other.inliers});
   };
   consider(answer);

@@ -19,6 +19,9 @@ struct View {
 /// pose puts the feature behind the camera.
 std::vector<double> motions(const View& view, const SE3& a, const SE3& b);
 
+/// The median of motions(); infinite if there are none.
+double median_motion(const View& view, const SE3& a, const SE3& b);
+
 /// Whether each feature is an inlier of a pose.
 std::vector<bool> inliers(const Camera& camera, const Features& features, std::span<const AlignedFeature> aligned,
                           const SE3& T_10, double inlier_distance);
