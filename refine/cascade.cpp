@@ -297,9 +297,9 @@ std::optional<SE3> Cascade::pose_by_edges(const Pair& pair, const Opinion& by_co
 }
 
 void Cascade::correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
-  constexpr double kForMean = 3;  // px, median over the features
+  constexpr double kForMean = 3, kForEdges = 16;  // px, median over the features
   // A claim moves no farther than by a mean, because its covariance does not know of the correction.
-  const double by_edges_at_most = answer.converged() ? 0.5 * kForMean : kNear;
+  const double by_edges_at_most = answer.converged() ? 0.5 * kForMean : kForEdges;
   if (answer.refined || answer.status == Status::ambiguous) return;
   const internal::Stopwatch time;
   const SE3 given = answer.T_10;

@@ -18,6 +18,7 @@ using Patch = Gradients::Patch;
 constexpr int kDirections = Gradients::kDirections;
 constexpr int kCell = 3;    // pixels of the map
 constexpr int kStep = 2;    // pixels of the map between the places that are compared first
+constexpr int kNear = 8;    // pixels of the map, that a motion of the whole image may be off
 constexpr int kApart = 16;  // pixels of the map; nearer places belong to one peak
 constexpr int kHypotheses = 1024;
 constexpr double kShare = 0.08;      // of the correspondences, which must agree with a start
@@ -194,6 +195,16 @@ Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres,
   return out;
 }
 
+Lines Gradients::lines() const {
+  Lines out = Lines::Zero(height_ / 2, width_ / 2);
+  for (Eigen::Index u = 0; u < 2 * out.cols(); ++u)
+    for (Eigen::Index v = 0; v < 2 * out.rows(); ++v) {
+      const auto h = cells_.col(v * width_ + u);  // of directions 45 degrees apart, which doubled are 90 degrees apart
+      out(v / 2, u / 2) += 0.25f * std::complex<float>(h[0] - h[2] + h[4] - h[6], h[1] - h[3] + h[5] - h[7]);
+    }
+  return out;
+}
+
 namespace {
 
 struct Sought {
@@ -231,6 +242,33 @@ std::vector<Correspondence> correspondences(const Sought& sought, const Places& 
   return found;
 }
 
+struct Start {
+  SE3 T_10;
+  double share;  // of the correspondences that agree
+};
+
+/// correspondences() near the places where a motion of the whole image puts the features.
+std::vector<Correspondence> correspondences(const Sought& sought, const Gradients& target, const Similarity& motion,
+                                            int scale) {
+  const Patch& patch = Patch::large();
+  const Gradients::Descriptors wanted = sought.gradients.describe(sought.centres, patch, motion.roll);
+  std::vector<Correspondence> found;
+  for (size_t k = 0; k < sought.centres.size(); ++k) {
+    const Vector2d expected = 2 * motion((sought.centres[k].array() + 0.5) / 2 - 0.5).array() + 0.5;  // at half the size
+    std::vector<Vector2d> at;
+    for (int v = -kNear; v <= kNear; v += kStep)
+      for (int u = -kNear; u <= kNear; u += kStep) at.push_back(expected + Vector2d(u, v));
+    const auto descriptor = wanted.col(static_cast<Eigen::Index>(k));
+    const Eigen::VectorXf scores = target.describe(at, patch).transpose() * descriptor;
+    Eigen::Index best = 0;
+    if (!(scores.maxCoeff(&best) > 0)) continue;
+    const Vector2d place = refined(target, descriptor, patch, at[static_cast<size_t>(best)]);
+    found.push_back({sought.points[k], (place.array() + 0.5) * scale - 0.5, scores[best]});
+  }
+  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
+  return found;
+}
+
 }  // namespace
 
 std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
@@ -249,11 +287,13 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
     SE3 T_10;
     double share;  // of the correspondences that agree
   };
-  const auto start = [&](const Places& places, double roll) -> std::optional<Start> {
-    const auto all = correspondences(sought, places, roll, layout.scale);
+  const auto agreed = [&](const std::vector<Correspondence>& all) -> std::optional<Start> {
     const auto pose = pose_of(all, camera, mean_q, layout, kHypotheses, kShare);
     if (!pose) return {};
     return Start{pose->T_10, pose->agreeing / static_cast<double>(all.size())};
+  };
+  const auto start = [&](const Places& places, double roll) {
+    return agreed(correspondences(sought, places, roll, layout.scale));
   };
   const Places small(of_target, Patch::small());
   std::optional<Start> best = start(small, 0);
@@ -263,6 +303,9 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
     const std::optional<Start> rolled = start(small, 2 * M_PI * roll / kRolls);
     if (rolled && rolled->share >= needed) best = rolled, needed = rolled->share;
   }
+  if (!best)
+    if (const auto motion = match_lines(of_reference.lines(), of_target.lines(), threads))
+      best = agreed(correspondences(sought, of_target, *motion, layout.scale));
   return best ? std::optional(best->T_10) : std::nullopt;
 }
 

@@ -6,6 +6,7 @@
 #include <iclk/align/aligner.h>
 #include <iclk/align/features.h>
 #include <iclk/align/pyramid.h>
+#include <iclk/align/search/lines.h>
 #include <iclk/align/search/matching.h>
 
 namespace iclk::internal {
@@ -38,6 +39,9 @@ class Gradients {
   /// beyond the border repeat.
   Descriptors describe(const std::vector<Eigen::Vector2d>& centres, const Patch& patch, double roll = 0) const;
 
+  /// The lines of the image, at half the size of the map.
+  Lines lines() const;
+
  private:
   /// The square root of the mean gradients in each direction, of the cell around a pixel of the map.
   using Cells = Eigen::Array<float, kDirections, Eigen::Dynamic>;
@@ -46,8 +50,9 @@ class Gradients {
 };
 
 /// The start of a pair, if enough features agree on one: by small upright patches, else by large ones, else by small ones at
-/// the best of all rolls. A roll that is certain is also preferred to an upright start that is not. It does not use the pair's
-/// first guess. Precondition: the images of the reference and the pair have the size of the reference's camera.
+/// the best of all rolls, else near the places where match_lines() puts them. A roll that is certain is also preferred to an
+/// upright start that is not. It does not use the pair's first guess. Precondition: the images of the reference and the pair
+/// have the size of the reference's camera.
 std::optional<SE3> start_by_gradients(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
                                       int threads);
 

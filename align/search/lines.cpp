@@ -1,0 +1,170 @@
+#include <iclk/align/search/lines.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/Geometry>
+#include <unsupported/Eigen/FFT>
+
+#include <iclk/align/common/each.h>
+
+namespace iclk::internal {
+namespace {
+
+using Eigen::Index;
+using Eigen::Vector2d;
+
+constexpr double kRollStep = 5 * M_PI / 180;
+constexpr int kUpright = 6;                                  // steps to either side
+constexpr double kScales[] = {0.84, 0.92, 1.0, 1.09, 1.19};  // that the steps of the roll would also tell apart
+constexpr Index kAround = 6;                                 // pixels to either side: lines are compared with those around them
+constexpr float kLeast = 0.01f;                              // of the lines' strength
+constexpr double kOverlap = 0.3;                             // of the map
+constexpr double kClear = 1.15;                              // times the score of any other place; at wrong places up to 1.13
+constexpr double kAnotherPlace = 5;                          // pixels of the map
+
+/// Means of the squares around each place, which end at the border.
+template <class Values>
+Values around(const Values& map) {
+  Values means(map.rows(), map.cols());
+  for (Index u = 0; u < map.cols(); ++u)
+    for (Index v = 0; v < map.rows(); ++v) {
+      const Index u0 = std::max<Index>(0, u - kAround), v0 = std::max<Index>(0, v - kAround);
+      means(v, u) =
+          map.block(v0, u0, std::min(map.rows(), v + kAround + 1) - v0, std::min(map.cols(), u + kAround + 1) - u0).mean();
+    }
+  return means;
+}
+
+/// Lines that differ from those around them. A wood has lines everywhere, a ploughed field many of one direction.
+Lines distinct(const Lines& lines) {
+  const Lines rest = lines - around(lines);
+  const Eigen::MatrixXf power = around<Eigen::MatrixXf>(rest.cwiseAbs2());
+  Lines out = (rest.array() / (power.array().sqrt() + kLeast)).matrix();
+  return (out.array() / out.array().abs().max(1.0f)).matrix();
+}
+
+/// The next size that a Fourier transform is fast for.
+Index fast_size(Index least) {
+  for (Index n = least;; ++n) {
+    Index rest = n;
+    for (const Index factor : {2, 3, 5})
+      while (rest % factor == 0) rest /= factor;
+    if (rest == 1) return n;
+  }
+}
+
+/// Fourier transforms of maps that are padded with zeros, transposed.
+class Transform {
+ public:
+  Transform(Index rows, Index cols) : rows_(rows), cols_(cols) {}
+  Lines forward(const Lines& map) {
+    Lines padded = Lines::Zero(rows_, cols_);
+    padded.topLeftCorner(map.rows(), map.cols()) = map;
+    return each_column(each_column(padded, &Fft::fwd).transpose(), &Fft::fwd);
+  }
+  Lines backward(const Lines& spectrum) { return each_column(each_column(spectrum, &Fft::inv).transpose(), &Fft::inv); }
+
+ private:
+  using Fft = Eigen::FFT<float>;
+  using Direction = void (Fft::*)(std::complex<float>*, const std::complex<float>*, Index);
+  Lines each_column(const Lines& map, Direction direction) {
+    Lines out(map.rows(), map.cols());
+    for (Index c = 0; c < map.cols(); ++c) (fft_.*direction)(out.col(c).data(), map.col(c).data(), map.rows());
+    return out;
+  }
+
+  Fft fft_;
+  Index rows_, cols_;
+};
+
+/// The map as the similarity without a shift shows it.
+Lines turned(const Lines& lines, const Similarity& s) {
+  Lines out = Lines::Zero(lines.rows(), lines.cols());
+  const Eigen::Matrix2d back = Eigen::Rotation2Dd(-s.roll).toRotationMatrix() / s.scale;
+  const std::complex<float> turn = std::polar(1.0f, static_cast<float>(2 * s.roll));
+  for (Index u = 0; u < out.cols(); ++u)
+    for (Index v = 0; v < out.rows(); ++v) {
+      const Vector2d at = s.centre + back * (Vector2d(u, v) - s.centre);
+      const Index x = static_cast<Index>(std::floor(at.x())), y = static_cast<Index>(std::floor(at.y()));
+      if (x < 0 || y < 0 || x + 1 >= lines.cols() || y + 1 >= lines.rows()) continue;
+      const auto a = static_cast<float>(at.x() - x), b = static_cast<float>(at.y() - y);
+      out(v, u) = turn * ((1 - b) * ((1 - a) * lines(y, x) + a * lines(y, x + 1)) +
+                          b * ((1 - a) * lines(y + 1, x) + a * lines(y + 1, x + 1)));
+    }
+  return out;
+}
+
+struct Match {
+  Similarity similarity;
+  double score = 0, next = 0;  ///< of the best shift, and of another place
+};
+
+/// Calls `each` for every shift of a map over another, with the score of what agrees: its sum over the root of the overlap.
+template <class Each>
+void each_shift(const Lines& found, Index rows, Index cols, const Each& each) {
+  for (Index u = 1 - cols; u < cols; ++u)
+    for (Index v = 1 - rows; v < rows; ++v) {
+      const auto overlap = static_cast<double>((cols - std::abs(u)) * (rows - std::abs(v)));
+      if (overlap < kOverlap * static_cast<double>(rows * cols)) continue;
+      const float sum = found((v + found.rows()) % found.rows(), (u + found.cols()) % found.cols()).real();
+      each(Vector2d(u, v), sum / std::sqrt(overlap));
+    }
+}
+
+/// The best shift of a roll and a scale.
+Match best_shift(const Lines& reference, const Lines& spectrum, Similarity s, Transform& transform) {
+  const Lines found = transform.backward(spectrum.cwiseProduct(transform.forward(turned(reference, s)).conjugate()));
+  Match best{s};
+  each_shift(found, reference.rows(), reference.cols(), [&](const Vector2d& shift, double score) {
+    if (score > best.score) best.score = score, best.similarity.shift = shift;
+  });
+  each_shift(found, reference.rows(), reference.cols(), [&](const Vector2d& shift, double score) {
+    if ((shift - best.similarity.shift).norm() > kAnotherPlace) best.next = std::max(best.next, score);
+  });
+  return best;
+}
+
+/// The median would do; a turn moves the corners most.
+bool another_place(const Similarity& a, const Similarity& b) {
+  const Vector2d corner = 0.5 * a.centre;
+  return ((a(corner) - b(corner)).norm() + (a(3 * corner) - b(3 * corner)).norm()) / 2 > kAnotherPlace;
+}
+
+std::optional<Similarity> clearly_best(const std::vector<Match>& matches) {
+  const auto less = [](const Match& a, const Match& b) { return a.score < b.score; };
+  const Match& best = *std::max_element(matches.begin(), matches.end(), less);
+  if (kClear * best.next > best.score) return {};
+  for (const Match& other : matches)
+    if (kClear * other.score > best.score && another_place(other.similarity, best.similarity)) return {};
+  return best.score > 0 ? std::optional(best.similarity) : std::nullopt;
+}
+
+}  // namespace
+
+Vector2d Similarity::operator()(const Vector2d& place) const {
+  return centre + scale * (Eigen::Rotation2Dd(roll) * (place - centre)) + shift;
+}
+
+std::optional<Similarity> match_lines(const Lines& reference, const Lines& target, int threads) {
+  const Lines lines = distinct(reference);
+  const Index rows = fast_size(2 * reference.rows()), cols = fast_size(2 * reference.cols());
+  const Lines spectrum = Transform(rows, cols).forward(distinct(target));
+  const Vector2d centre = 0.5 * Vector2d(reference.cols() - 1, reference.rows() - 1);
+  const auto search = [&](int steps) {
+    std::vector<Match> matches(static_cast<size_t>(2 * steps + 1) * std::size(kScales));
+    for_each_of(static_cast<size_t>(2 * steps + 1), threads, [&](size_t k) {
+      Transform transform(rows, cols);
+      for (size_t i = 0; i < std::size(kScales); ++i) {
+        const double roll = (static_cast<int>(k) - steps) * kRollStep;
+        matches[k * std::size(kScales) + i] = best_shift(lines, spectrum, {roll, kScales[i], centre, {0, 0}}, transform);
+      }
+    });
+    return clearly_best(matches);
+  };
+  const std::optional<Similarity> upright = search(kUpright);
+  return upright ? upright : search(static_cast<int>(std::lround(M_PI / kRollStep)));
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,112 @@
+// Starts by the lines of whole images: fields whose borders stay, while each has another brightness.
+#include <random>
+
+#include <gtest/gtest.h>
+#include <iclk/align/common/input.h>
+#include <iclk/align/search/gradients.h>
+#include <Eigen/Geometry>
+
+#include "../support/relief.h"
+
+namespace iclk::test {
+namespace {
+
+using Eigen::Vector2d;
+using internal::Gradients;
+using internal::Similarity;
+
+const Camera kCamera{260, 260, 159.5, 119.5, 320, 240};
+
+Similarity motion_of(double roll, double scale, const Vector2d& shift) { return {roll, scale, {159.5, 119.5}, shift}; }
+
+/// The image of fields in the year `year`, moved. Every pixel belongs to the field of the nearest of 90 random points.
+Frame fields(uint32_t place, uint32_t year, const Similarity& motion = motion_of(0, 1, {0, 0})) {
+  std::mt19937 where(place), grey(year);
+  std::vector<Vector2d> points;
+  std::vector<float> greys;
+  for (int i = 0; i < 90; ++i) {
+    points.push_back(Vector2d(where() % 600, where() % 500) - Vector2d(140, 130));
+    greys.push_back(0.2f + 0.6f * static_cast<float>(grey() % 1000) / 1000);
+  }
+  Frame frame{kCamera.width, kCamera.height, std::vector<float>(static_cast<size_t>(kCamera.width * kCamera.height))};
+  const Eigen::Matrix2d back = Eigen::Rotation2Dd(-motion.roll).toRotationMatrix() / motion.scale;
+  for (int v = 0; v < frame.height; ++v)
+    for (int u = 0; u < frame.width; ++u) {
+      const Vector2d at = motion.centre + back * (Vector2d(u, v) - motion.shift - motion.centre);
+      size_t nearest = 0;
+      for (size_t i = 1; i < points.size(); ++i)
+        if ((points[i] - at).squaredNorm() < (points[nearest] - at).squaredNorm()) nearest = i;
+      frame.at(u, v) = greys[nearest];
+    }
+  return frame;
+}
+
+constexpr int kScale = 2;  // pixels of the image per pixel of the map; lines() has half as many
+
+std::optional<Similarity> match(const Frame& image0, const Frame& image1, int threads = 1) {
+  const Gradients a(grey_map(image0.view()), kScale, 1), b(grey_map(image1.view()), kScale, 1);
+  return internal::match_lines(a.lines(), b.lines(), threads);
+}
+
+/// px of the image, at a pixel of image 0.
+double error(const Similarity& found, const Similarity& truth, const Vector2d& at) {
+  const Vector2d place = found((at.array() + 0.5) / (2 * kScale) - 0.5);
+  return ((place.array() + 0.5) * (2 * kScale) - 0.5 - truth(at).array()).matrix().norm();
+}
+
+TEST(Lines, FindTheMotionOfAnImage) {
+  for (const double degrees : {0, 10, -95, 180})
+    for (const double scale : {1.0, 1.15}) {
+      const Similarity truth = motion_of(degrees * M_PI / 180, scale, {40, -24});
+      const auto found = match(fields(1, 1), fields(1, 2, truth));
+      ASSERT_TRUE(found) << degrees << ", " << scale;
+      for (const Vector2d& at : {Vector2d(60, 50), Vector2d(260, 190)})
+        EXPECT_LT(error(*found, truth, at), 12) << degrees << ", " << scale;
+    }
+}
+
+TEST(Lines, FindNothingWhereNothingIsClear) {
+  const Frame flat{320, 240, std::vector<float>(320 * 240, 0.5f)}, nan{320, 240, std::vector<float>(320 * 240, NAN)};
+  const Frame known = fields(1, 1);
+  EXPECT_FALSE(match(known, fields(2, 1))) << "another place";
+  for (const Frame& other : {flat, nan}) {
+    EXPECT_FALSE(match(known, other));
+    EXPECT_FALSE(match(other, known));
+  }
+  EXPECT_FALSE(match(chequered(320, 240, 0, 1), chequered(320, 240, 5, 2))) << "a wall that repeats";
+}
+
+TEST(Lines, ThreadsChangeNothing) {
+  const Frame image0 = fields(1, 1), image1 = fields(1, 2, motion_of(0.1, 1, {20, 8}));
+  const auto one = match(image0, image1), three = match(image0, image1, 3);
+  ASSERT_TRUE(one && three);
+  EXPECT_EQ(one->roll, three->roll);
+  EXPECT_EQ(one->scale, three->scale);
+  EXPECT_EQ(one->shift, three->shift);
+}
+
+TEST(Lines, FindAStartWherePatchesDoNot) {
+  constexpr double kDepth = 4;
+  Features features;
+  for (int v = 30; v < 220; v += 18)
+    for (int u = 30; u < 300; u += 20) features.uv.emplace_back(u, v), features.inverse_depth.push_back(1 / kDepth);
+  for (uint32_t place = 1; place <= 3; ++place) {
+    const Similarity motion = motion_of(0.15, 1, {36, -20});
+    SE3 truth;
+    truth.R = Eigen::AngleAxisd(motion.roll, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    truth.t << kDepth * motion.shift.x() / kCamera.fx, kDepth * motion.shift.y() / kCamera.fy, 0;
+    const Frame image0 = fields(place, 1), image1 = fields(place, 2, motion);
+    const auto start = internal::start_by_gradients({image0.view(), kCamera, features, {}}, check_features(features, kCamera),
+                                                    {0, image1.view()}, 1);
+    ASSERT_TRUE(start) << place;
+    double sum = 0;
+    for (const Vector2d& uv : features.uv) {
+      const Eigen::Vector3d X = kCamera.ray(uv) * kDepth;
+      sum += (kCamera.project(*start * X) - kCamera.project(truth * X)).norm() / static_cast<double>(features.size());
+    }
+    EXPECT_LT(sum, 8) << place;
+  }
+}
+
+}  // namespace
+}  // namespace iclk::test
