@@ -9,6 +9,7 @@
 
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/align/search/gradients.h>
+#include <iclk/align/search/line_patches.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/blur.h>
 #include <iclk/refine/internal/rounds.h>
@@ -35,7 +36,8 @@ RefinedAlignment unrefined(const Reference& reference, Alignment alignment, doub
 
 constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contrast at a time
 
-constexpr double kNear = 5;  // px, median motion of the features: the same pose, found in other images
+constexpr double kForMean = 3;  // px, median motion: farther poses are not averaged
+constexpr double kNear = 5;     // px, median motion of the features: the same pose, found in other images
 
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
@@ -285,31 +287,40 @@ RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, Ref
   return alike ? std::move(*alike) : answer;
 }
 
-std::optional<SE3> Cascade::pose_by_edges(const Pair& pair, const Opinion& by_contrast, const SE3& start) {
-  constexpr double kLeast = 0.2, kOfContrast = 0.65;  // noise hides edges more than areas
-  Changed changed(*this, {&pair, 1}, internal::edges, nullptr);
-  changed.pairs.front().T_10 = start;
-  changed.pairs.front().search = false;
-  prepare(by_contrast.step, pair.reference);
-  const Alignment found = running_[by_contrast.step].aligner->align(changed.pairs).front();
-  if (!(found.correlation >= std::max(kLeast, kOfContrast * by_contrast.correlation))) return {};
-  return found.T_10;
+std::optional<SE3> Cascade::pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const {
+  constexpr double kNearby = 3, kShareNearby = 0.25, kShare = 0.35;  // px; of the patches, which must agree
+  const Aligner& aligner = *running_[step].aligner;
+  const Camera& camera = aligner.camera(pair.reference);
+  if (!internal::match_layout(camera).enabled) return {};
+  const std::vector<internal::LineRound> rounds = internal::line_rounds(camera, 0.25);
+  const auto near = [&](const SE3& start, std::span<const internal::LineRound> from) {
+    return internal::match_line_patches(keyframes_[static_cast<size_t>(pair.reference)].reference,
+                                        aligner.checks(pair.reference), pair, start, from, steps_[step].refiner->threads);
+  };
+  std::optional<internal::LinePose> best = near(answer.T_10, std::span(rounds).subspan(2));
+  if (pair.found && !answer.converged()) {
+    const auto from_start = near(pair.T_10, rounds);
+    if (from_start && (!best || from_start->share() > best->share())) best = from_start;
+  }
+  if (!best) return {};
+  const double moved = internal::median_motion(internal::view_of(aligner, pair.reference), best->T_10, answer.T_10);
+  // A claim moves no farther than by a mean, because its covariance does not know of the correction.
+  if (answer.converged() && moved > 0.5 * kForMean) return {};
+  return best->share() >= (moved <= kNearby ? kShareNearby : kShare) ? std::optional(best->T_10) : std::nullopt;
 }
 
 void Cascade::correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
-  constexpr double kForMean = 3, kForEdges = 16;  // px, median over the features
-  // A claim moves no farther than by a mean, because its covariance does not know of the correction.
-  const double by_edges_at_most = answer.converged() ? 0.5 * kForMean : kForEdges;
   if (answer.refined || answer.status == Status::ambiguous) return;
   const internal::Stopwatch time;
+  const Aligner& aligner = *running_[by_contrast.step].aligner;
   const SE3 given = answer.T_10;
-  const std::optional<SE3> by_edges = pose_by_edges(pair, by_contrast, given);
-  const internal::View view = internal::view_of(*running_[by_contrast.step].aligner, pair.reference);
+  const std::optional<SE3> by_lines = pose_by_lines(pair, by_contrast.step, answer);
+  const double apart = internal::median_motion(internal::view_of(aligner, pair.reference), by_contrast.T_10, given);
   const char* how = nullptr;
-  if (by_edges && internal::median_motion(view, *by_edges, given) <= by_edges_at_most) {
-    answer.T_10 = *by_edges;
-    how = "; pose by edges";
-  } else if (const double apart = internal::median_motion(view, by_contrast.T_10, given); apart > 0 && apart <= kForMean) {
+  if (by_lines) {
+    answer.T_10 = *by_lines;
+    how = "; pose by lines";
+  } else if (apart > 0 && apart <= kForMean) {
     answer.T_10 = given * SE3::exp(0.5 * (given.inverse() * by_contrast.T_10).log());
     how = "; mean with the pose by local contrast";
   }
@@ -355,7 +366,7 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
       RefinedAlignment& r = results[i];
       RefinedAlignment answer =
           blurs[i] ? answer_alike(look, pairs[i], *blurs[i], r) : look_past_blur(look, pairs[i], std::move(*next++), blurs[i]);
-      if (look.local_contrast) by_contrast[i] = Opinion{look.step, answer.T_10, answer.iclk.correlation};
+      if (look.local_contrast) by_contrast[i] = Opinion{look.step, answer.T_10};
       answer.model = steps_[look.step].model;
       std::vector<Attempt> attempts = std::move(r.attempts);
       attempts.push_back({answer.model + (look.local_contrast ? ", local contrast"

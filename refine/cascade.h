@@ -98,11 +98,10 @@ class Cascade {
     bool local_contrast = false, gradients = false;
     bool first = false, last = false;
   };
-  /// The pose of a look, and the correlation of its images there.
+  /// The pose of a look.
   struct Opinion {
     size_t step = 0;
     SE3 T_10;
-    double correlation = 0;
   };
   class Changed;
   void start(size_t step);
@@ -118,8 +117,8 @@ class Cascade {
   /// Aligns a pair with both images blurred alike. Nothing if features do not confirm the answer and it is far from `given`.
   std::optional<RefinedAlignment> align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                               const RefinedAlignment& given);
-  /// The pose in images of edges, from a start. Nothing if these correlate too little.
-  std::optional<SE3> pose_by_edges(const Pair& pair, const Opinion& by_contrast, const SE3& start);
+  /// The pose on which patches of lines agree, near the answer or the pair's start.
+  std::optional<SE3> pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const;
   /// Corrects a pose that no features confirm.
   void correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer);
   RefinedAlignment answer_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,

@@ -8,6 +8,7 @@
 
 #include <iclk/align/common/each.h>
 #include <iclk/align/common/input.h>
+#include <iclk/align/search/line_patches.h>
 
 namespace iclk::internal {
 namespace {
@@ -18,11 +19,11 @@ using Patch = Gradients::Patch;
 constexpr int kDirections = Gradients::kDirections;
 constexpr int kCell = 3;    // pixels of the map
 constexpr int kStep = 2;    // pixels of the map between the places that are compared first
-constexpr int kNear = 8;    // pixels of the map, that a motion of the whole image may be off
 constexpr int kApart = 16;  // pixels of the map; nearer places belong to one peak
 constexpr int kHypotheses = 1024;
 constexpr double kShare = 0.08;      // of the correspondences, which must agree with a start
 constexpr double kClearShare = 0.3;  // of the same, with which a start is certain; wrong ones reach 0.27
+constexpr double kLineShare = 0.25;  // of the patches of lines, which must agree near the motion of the whole image
 constexpr int kRolls = 12;           // of a full turn
 constexpr float kLeastNorm = 1e-3f;  // of a descriptor with texture
 
@@ -195,16 +196,6 @@ Gradients::Descriptors Gradients::describe(const std::vector<Vector2d>& centres,
   return out;
 }
 
-Lines Gradients::lines() const {
-  Lines out = Lines::Zero(height_ / 2, width_ / 2);
-  for (Eigen::Index u = 0; u < 2 * out.cols(); ++u)
-    for (Eigen::Index v = 0; v < 2 * out.rows(); ++v) {
-      const auto h = cells_.col(v * width_ + u);  // of directions 45 degrees apart, which doubled are 90 degrees apart
-      out(v / 2, u / 2) += 0.25f * std::complex<float>(h[0] - h[2] + h[4] - h[6], h[1] - h[3] + h[5] - h[7]);
-    }
-  return out;
-}
-
 namespace {
 
 struct Sought {
@@ -242,31 +233,32 @@ std::vector<Correspondence> correspondences(const Sought& sought, const Places& 
   return found;
 }
 
-struct Start {
-  SE3 T_10;
-  double share;  // of the correspondences that agree
-};
-
-/// correspondences() near the places where a motion of the whole image puts the features.
-std::vector<Correspondence> correspondences(const Sought& sought, const Gradients& target, const Similarity& motion,
-                                            int scale) {
-  const Patch& patch = Patch::large();
-  const Gradients::Descriptors wanted = sought.gradients.describe(sought.centres, patch, motion.roll);
-  std::vector<Correspondence> found;
+/// The pose that moves the features as the lines of the whole image move.
+std::vector<Correspondence> moved(const Sought& sought, const Similarity& motion, int scale) {
+  std::vector<Correspondence> all;
   for (size_t k = 0; k < sought.centres.size(); ++k) {
-    const Vector2d expected = 2 * motion((sought.centres[k].array() + 0.5) / 2 - 0.5).array() + 0.5;  // at half the size
-    std::vector<Vector2d> at;
-    for (int v = -kNear; v <= kNear; v += kStep)
-      for (int u = -kNear; u <= kNear; u += kStep) at.push_back(expected + Vector2d(u, v));
-    const auto descriptor = wanted.col(static_cast<Eigen::Index>(k));
-    const Eigen::VectorXf scores = target.describe(at, patch).transpose() * descriptor;
-    Eigen::Index best = 0;
-    if (!(scores.maxCoeff(&best) > 0)) continue;
-    const Vector2d place = refined(target, descriptor, patch, at[static_cast<size_t>(best)]);
-    found.push_back({sought.points[k], (place.array() + 0.5) * scale - 0.5, scores[best]});
+    const Vector2d place = motion((sought.centres[k].array() + 0.5) / 2 - 0.5);  // at half the size
+    all.push_back({sought.points[k], (place.array() + 0.5) * 2 * scale - 0.5, 1});
   }
-  std::stable_sort(found.begin(), found.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
-  return found;
+  return all;
+}
+
+/// The motion of the whole image, in pixels of maps at this scale.
+std::optional<Similarity> motion_of(const Reference& reference, const Pair& pair, int scale, int threads) {
+  Pyramid target = {grey_map(pair.target)};
+  hide(target, pair.target_mask);
+  return match_lines(lines_of(grey_map(reference.image), scale), lines_of(target[0], scale), threads);
+}
+
+/// The pose near another one on which patches of lines agree, as fine as they allow.
+std::optional<SE3> near_by_lines(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
+                                 const SE3& near, int threads) {
+  const std::vector<LineRound> rounds = line_rounds(reference.camera, kLineShare);
+  const std::span<const LineRound> coarse = std::span(rounds).first(2), fine = std::span(rounds).subspan(2);
+  const auto found = match_line_patches(reference, checks, pair, near, coarse, threads);
+  if (!found) return {};
+  const auto finer = match_line_patches(reference, checks, pair, found->T_10, fine, threads);
+  return finer ? finer->T_10 : found->T_10;
 }
 
 }  // namespace
@@ -295,18 +287,20 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
   const auto start = [&](const Places& places, double roll) {
     return agreed(correspondences(sought, places, roll, layout.scale));
   };
+  const auto certain = [](const std::optional<Start>& s) { return s && s->share >= kClearShare; };
   const Places small(of_target, Patch::small());
   std::optional<Start> best = start(small, 0);
   if (!best) best = start(Places(of_target, Patch::large()), 0);
   double needed = best ? kClearShare : 0;  // of a start at another roll
-  for (int roll = 1; roll < kRolls && !(best && best->share >= kClearShare); ++roll) {
+  for (int roll = 1; roll < kRolls && !certain(best); ++roll) {
     const std::optional<Start> rolled = start(small, 2 * M_PI * roll / kRolls);
     if (rolled && rolled->share >= needed) best = rolled, needed = rolled->share;
   }
-  if (!best)
-    if (const auto motion = match_lines(of_reference.lines(), of_target.lines(), threads))
-      best = agreed(correspondences(sought, of_target, *motion, layout.scale));
-  return best ? std::optional(best->T_10) : std::nullopt;
+  if (best) return best->T_10;
+  if (const auto motion = motion_of(reference, pair, 2 * layout.scale, threads))
+    if (const auto near = agreed(moved(sought, *motion, layout.scale)))
+      return near_by_lines(reference, checks, pair, near->T_10, threads);
+  return {};
 }
 
 }  // namespace iclk::internal

@@ -6,7 +6,6 @@
 #include <iclk/align/aligner.h>
 #include <iclk/align/features.h>
 #include <iclk/align/pyramid.h>
-#include <iclk/align/search/lines.h>
 #include <iclk/align/search/matching.h>
 
 namespace iclk::internal {
@@ -38,9 +37,6 @@ class Gradients {
   /// Of patches around positions in the map, in pixels of the map, as an image shows them that is rolled by `roll` rad. Cells
   /// beyond the border repeat.
   Descriptors describe(const std::vector<Eigen::Vector2d>& centres, const Patch& patch, double roll = 0) const;
-
-  /// The lines of the image, at half the size of the map.
-  Lines lines() const;
 
  private:
   /// The square root of the mean gradients in each direction, of the cell around a pixel of the map.

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include <Eigen/Geometry>
@@ -21,28 +22,26 @@ constexpr double kScales[] = {0.84, 0.92, 1.0, 1.09, 1.19};  // that the steps o
 constexpr Index kAround = 6;                                 // pixels to either side: lines are compared with those around them
 constexpr float kLeast = 0.01f;                              // of the lines' strength
 constexpr double kOverlap = 0.3;                             // of the map
-constexpr double kClear = 1.15;                              // times the score of any other place; at wrong places up to 1.13
+constexpr double kClear = 1.15, kClearOfAll = 1.1;           // times the score of any other place, upright and at all rolls
 constexpr double kAnotherPlace = 5;                          // pixels of the map
 
-/// Means of the squares around each place, which end at the border.
+/// Means over the squares around each place, which end at the border.
 template <class Values>
-Values around(const Values& map) {
-  Values means(map.rows(), map.cols());
-  for (Index u = 0; u < map.cols(); ++u)
-    for (Index v = 0; v < map.rows(); ++v) {
-      const Index u0 = std::max<Index>(0, u - kAround), v0 = std::max<Index>(0, v - kAround);
-      means(v, u) =
-          map.block(v0, u0, std::min(map.rows(), v + kAround + 1) - v0, std::min(map.cols(), u + kAround + 1) - u0).mean();
-    }
-  return means;
-}
-
-/// Lines that differ from those around them. A wood has lines everywhere, a ploughed field many of one direction.
-Lines distinct(const Lines& lines) {
-  const Lines rest = lines - around(lines);
-  const Eigen::MatrixXf power = around<Eigen::MatrixXf>(rest.cwiseAbs2());
-  Lines out = (rest.array() / (power.array().sqrt() + kLeast)).matrix();
-  return (out.array() / out.array().abs().max(1.0f)).matrix();
+Values means(const Values& map, Index around) {
+  Values rows(map.rows(), map.cols()), all(map.rows(), map.cols());
+  const auto window = [around](Index at, Index size) {
+    const Index first = std::max<Index>(0, at - around);
+    return std::pair(first, std::min(size, at + around + 1) - first);
+  };
+  for (Index v = 0; v < map.rows(); ++v) {
+    const auto [first, count] = window(v, map.rows());
+    rows.row(v) = map.middleRows(first, count).colwise().mean();
+  }
+  for (Index u = 0; u < map.cols(); ++u) {
+    const auto [first, count] = window(u, map.cols());
+    all.col(u) = rows.middleCols(first, count).rowwise().mean();
+  }
+  return all;
 }
 
 /// The next size that a Fourier transform is fast for.
@@ -86,12 +85,7 @@ Lines turned(const Lines& lines, const Similarity& s) {
   const std::complex<float> turn = std::polar(1.0f, static_cast<float>(2 * s.roll));
   for (Index u = 0; u < out.cols(); ++u)
     for (Index v = 0; v < out.rows(); ++v) {
-      const Vector2d at = s.centre + back * (Vector2d(u, v) - s.centre);
-      const Index x = static_cast<Index>(std::floor(at.x())), y = static_cast<Index>(std::floor(at.y()));
-      if (x < 0 || y < 0 || x + 1 >= lines.cols() || y + 1 >= lines.rows()) continue;
-      const auto a = static_cast<float>(at.x() - x), b = static_cast<float>(at.y() - y);
-      out(v, u) = turn * ((1 - b) * ((1 - a) * lines(y, x) + a * lines(y, x + 1)) +
-                          b * ((1 - a) * lines(y + 1, x) + a * lines(y + 1, x + 1)));
+      out(v, u) = turn * sample(lines, s.centre + back * (Vector2d(u, v) - s.centre));
     }
   return out;
 }
@@ -132,27 +126,52 @@ bool another_place(const Similarity& a, const Similarity& b) {
   return ((a(corner) - b(corner)).norm() + (a(3 * corner) - b(3 * corner)).norm()) / 2 > kAnotherPlace;
 }
 
-std::optional<Similarity> clearly_best(const std::vector<Match>& matches) {
+std::optional<Similarity> clearly_best(const std::vector<Match>& matches, double clear) {
   const auto less = [](const Match& a, const Match& b) { return a.score < b.score; };
   const Match& best = *std::max_element(matches.begin(), matches.end(), less);
-  if (kClear * best.next > best.score) return {};
+  if (clear * best.next > best.score) return {};
   for (const Match& other : matches)
-    if (kClear * other.score > best.score && another_place(other.similarity, best.similarity)) return {};
+    if (clear * other.score > best.score && another_place(other.similarity, best.similarity)) return {};
   return best.score > 0 ? std::optional(best.similarity) : std::nullopt;
 }
 
 }  // namespace
+
+Lines lines_of(const Map& grey, int scale) {
+  Lines out = Lines::Zero(grey.height / scale, grey.width / scale);
+  for (int v = 1; v < static_cast<int>(out.rows()) * scale && v < grey.height - 1; ++v)
+    for (int u = 1; u < static_cast<int>(out.cols()) * scale && u < grey.width - 1; ++u) {
+      const std::complex<float> gradient(grey.at(u + 1, v) - grey.at(u - 1, v), grey.at(u, v + 1) - grey.at(u, v - 1));
+      const float length = std::abs(gradient);
+      if (length > 0 && length < kHiddenFrom) out(v / scale, u / scale) += gradient * gradient / (length * std::sqrt(length));
+    }
+  return out / static_cast<float>(scale * scale);
+}
+
+Lines distinct(const Lines& lines, Index around) {
+  const Lines rest = lines - means(lines, around);
+  const Eigen::MatrixXf power = means<Eigen::MatrixXf>(rest.cwiseAbs2(), around);
+  const Lines out = (rest.array() / (power.array().sqrt() + kLeast)).matrix();
+  return (out.array() / out.array().abs().max(1.0f)).matrix();
+}
+
+std::complex<float> sample(const Lines& lines, const Vector2d& at) {
+  const auto x = static_cast<Index>(std::floor(at.x())), y = static_cast<Index>(std::floor(at.y()));
+  if (x < 0 || y < 0 || x + 1 >= lines.cols() || y + 1 >= lines.rows()) return 0;
+  const auto a = static_cast<float>(at.x() - static_cast<double>(x)), b = static_cast<float>(at.y() - static_cast<double>(y));
+  return (1 - b) * ((1 - a) * lines(y, x) + a * lines(y, x + 1)) + b * ((1 - a) * lines(y + 1, x) + a * lines(y + 1, x + 1));
+}
 
 Vector2d Similarity::operator()(const Vector2d& place) const {
   return centre + scale * (Eigen::Rotation2Dd(roll) * (place - centre)) + shift;
 }
 
 std::optional<Similarity> match_lines(const Lines& reference, const Lines& target, int threads) {
-  const Lines lines = distinct(reference);
+  const Lines lines = distinct(reference, kAround);
   const Index rows = fast_size(2 * reference.rows()), cols = fast_size(2 * reference.cols());
-  const Lines spectrum = Transform(rows, cols).forward(distinct(target));
+  const Lines spectrum = Transform(rows, cols).forward(distinct(target, kAround));
   const Vector2d centre = 0.5 * Vector2d(reference.cols() - 1, reference.rows() - 1);
-  const auto search = [&](int steps) {
+  const auto search = [&](int steps, double clear) {
     std::vector<Match> matches(static_cast<size_t>(2 * steps + 1) * std::size(kScales));
     for_each_of(static_cast<size_t>(2 * steps + 1), threads, [&](size_t k) {
       Transform transform(rows, cols);
@@ -161,10 +180,10 @@ std::optional<Similarity> match_lines(const Lines& reference, const Lines& targe
         matches[k * std::size(kScales) + i] = best_shift(lines, spectrum, {roll, kScales[i], centre, {0, 0}}, transform);
       }
     });
-    return clearly_best(matches);
+    return clearly_best(matches, clear);
   };
-  const std::optional<Similarity> upright = search(kUpright);
-  return upright ? upright : search(static_cast<int>(std::lround(M_PI / kRollStep)));
+  const std::optional<Similarity> upright = search(kUpright, kClear);
+  return upright ? upright : search(static_cast<int>(std::lround(M_PI / kRollStep)), kClearOfAll);
 }
 
 }  // namespace iclk::internal

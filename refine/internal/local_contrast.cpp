@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include <iclk/align/pyramid.h>
 
@@ -69,20 +68,6 @@ FloatImage local_contrast(const ImageView& image, const ImageView& mask) {
   }
   out.view = {out.pixels.data(), image.width, image.height, 0, PixelFormat::r32f};
   return out;
-}
-
-FloatImage edges(const ImageView& image, const ImageView& mask) {
-  Map grey = grey_map(image);
-  for (int v = 0; v < grey.height && !mask.empty(); ++v)
-    for (int u = 0; u < grey.width; ++u)
-      if (mask.row(v)[u] == 0) grey.at(u, v) = std::numeric_limits<float>::quiet_NaN();
-  const auto at = [&](int u, int v) { return grey.at(std::clamp(u, 0, grey.width - 1), std::clamp(v, 0, grey.height - 1)); };
-  std::vector<float> strength;
-  strength.reserve(grey.data.size());
-  for (int v = 0; v < grey.height; ++v)
-    for (int u = 0; u < grey.width; ++u)
-      strength.push_back(std::sqrt(std::hypot(at(u + 1, v) - at(u - 1, v), at(u, v + 1) - at(u, v - 1))));
-  return local_contrast({strength.data(), grey.width, grey.height, 0, PixelFormat::r32f}, mask);
 }
 
 }  // namespace iclk::internal

@@ -20,8 +20,4 @@ struct FloatImage {
 /// empty mask hides nothing.
 FloatImage local_contrast(const ImageView& image, const ImageView& mask = {});
 
-/// The local contrast of the square root of the gradient's length. Edges keep it where their contrast changes, even its sign:
-/// snow on fields beside a dark road. Noise hides it. Pixels beside others that do not count become NaN.
-FloatImage edges(const ImageView& image, const ImageView& mask = {});
-
 }  // namespace iclk::internal

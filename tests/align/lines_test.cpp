@@ -4,6 +4,8 @@
 #include <gtest/gtest.h>
 #include <iclk/align/common/input.h>
 #include <iclk/align/search/gradients.h>
+#include <iclk/align/search/line_patches.h>
+#include <iclk/align/search/lines.h>
 #include <Eigen/Geometry>
 
 #include "../support/relief.h"
@@ -12,7 +14,6 @@ namespace iclk::test {
 namespace {
 
 using Eigen::Vector2d;
-using internal::Gradients;
 using internal::Similarity;
 
 const Camera kCamera{260, 260, 159.5, 119.5, 320, 240};
@@ -41,22 +42,22 @@ Frame fields(uint32_t place, uint32_t year, const Similarity& motion = motion_of
   return frame;
 }
 
-constexpr int kScale = 2;  // pixels of the image per pixel of the map; lines() has half as many
+constexpr int kScale = 4;  // pixels of the image per pixel of the maps
 
 std::optional<Similarity> match(const Frame& image0, const Frame& image1, int threads = 1) {
-  const Gradients a(grey_map(image0.view()), kScale, 1), b(grey_map(image1.view()), kScale, 1);
-  return internal::match_lines(a.lines(), b.lines(), threads);
+  return internal::match_lines(internal::lines_of(grey_map(image0.view()), kScale),
+                               internal::lines_of(grey_map(image1.view()), kScale), threads);
 }
 
 /// px of the image, at a pixel of image 0.
 double error(const Similarity& found, const Similarity& truth, const Vector2d& at) {
-  const Vector2d place = found((at.array() + 0.5) / (2 * kScale) - 0.5);
-  return ((place.array() + 0.5) * (2 * kScale) - 0.5 - truth(at).array()).matrix().norm();
+  const Vector2d place = found((at.array() + 0.5) / kScale - 0.5);
+  return ((place.array() + 0.5) * kScale - 0.5 - truth(at).array()).matrix().norm();
 }
 
 TEST(Lines, FindTheMotionOfAnImage) {
   for (const double degrees : {0, 10, -95, 180})
-    for (const double scale : {1.0, 1.15}) {
+    for (const double scale : {1.0, 1.1}) {
       const Similarity truth = motion_of(degrees * M_PI / 180, scale, {40, -24});
       const auto found = match(fields(1, 1), fields(1, 2, truth));
       ASSERT_TRUE(found) << degrees << ", " << scale;
@@ -85,27 +86,92 @@ TEST(Lines, ThreadsChangeNothing) {
   EXPECT_EQ(one->shift, three->shift);
 }
 
-TEST(Lines, FindAStartWherePatchesDoNot) {
-  constexpr double kDepth = 4;
-  Features features;
-  for (int v = 30; v < 220; v += 18)
-    for (int u = 30; u < 300; u += 20) features.uv.emplace_back(u, v), features.inverse_depth.push_back(1 / kDepth);
-  for (uint32_t place = 1; place <= 3; ++place) {
-    const Similarity motion = motion_of(0.15, 1, {36, -20});
-    SE3 truth;
+/// Level fields, seen from above in two years.
+struct TwoYears {
+  explicit TwoYears(uint32_t place) : image0(fields(place, 1)), image1(fields(place, 2, motion)) {
+    for (int v = 30; v < 220; v += 18)
+      for (int u = 30; u < 300; u += 20) features.uv.emplace_back(u, v), features.inverse_depth.push_back(1 / depth);
+    reference = {image0.view(), kCamera, features, {}};
+    checks = check_features(features, kCamera);
     truth.R = Eigen::AngleAxisd(motion.roll, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-    truth.t << kDepth * motion.shift.x() / kCamera.fx, kDepth * motion.shift.y() / kCamera.fy, 0;
-    const Frame image0 = fields(place, 1), image1 = fields(place, 2, motion);
-    const auto start = internal::start_by_gradients({image0.view(), kCamera, features, {}}, check_features(features, kCamera),
-                                                    {0, image1.view()}, 1);
-    ASSERT_TRUE(start) << place;
+    truth.t << depth * motion.shift.x() / kCamera.fx, depth * motion.shift.y() / kCamera.fy, 0;
+  }
+  /// px, mean of the features.
+  double error(const SE3& T_10) const {
     double sum = 0;
     for (const Vector2d& uv : features.uv) {
-      const Eigen::Vector3d X = kCamera.ray(uv) * kDepth;
-      sum += (kCamera.project(*start * X) - kCamera.project(truth * X)).norm() / static_cast<double>(features.size());
+      const Eigen::Vector3d X = kCamera.ray(uv) * depth;
+      sum += (kCamera.project(T_10 * X) - kCamera.project(truth * X)).norm();
     }
-    EXPECT_LT(sum, 8) << place;
+    return sum / static_cast<double>(features.size());
   }
+
+  const double depth = 4;
+  const Similarity motion = motion_of(0.15, 1, {36, -20});
+  Frame image0, image1;
+  Features features;
+  Reference reference;
+  std::vector<FeatureCheck> checks;
+  SE3 truth;
+};
+
+TEST(Lines, FindAStartWherePatchesDoNot) {
+  for (uint32_t place = 1; place <= 3; ++place) {
+    const TwoYears s(place);
+    const auto start = internal::start_by_gradients(s.reference, s.checks, {0, s.image1.view()}, 1);
+    ASSERT_TRUE(start) << place;
+    EXPECT_LT(s.error(*start), 1) << place;
+  }
+}
+
+TEST(LinePatches, FindThePoseNearAnother) {
+  const TwoYears s(1);
+  const Pair pair{0, s.image1.view()};
+  SE3 near = s.truth;
+  near.t.x() += 0.12;
+  ASSERT_NEAR(s.error(near), 7.8, 0.1);
+  const internal::LineRound rounds[] = {{2, 8}, {1, 4}};
+  const auto found = internal::match_line_patches(s.reference, s.checks, pair, near, rounds, 1);
+  ASSERT_TRUE(found);
+  EXPECT_LT(s.error(found->T_10), 0.5);
+  EXPECT_GT(found->share(), 0.5);
+  const auto threads = internal::match_line_patches(s.reference, s.checks, pair, near, rounds, 3);
+  EXPECT_EQ(threads->T_10.matrix(), found->T_10.matrix());
+  const internal::LineRound strict[] = {{2, 8}, {1, 4, found->share() + 0.1}};
+  EXPECT_FALSE(internal::match_line_patches(s.reference, s.checks, pair, near, strict, 1)) << "too few agree";
+}
+
+TEST(LinePatches, FindNothingWhereNothingIs) {
+  const TwoYears s(1);
+  const Frame other = fields(9, 1), nan{320, 240, std::vector<float>(320 * 240, NAN)};
+  const internal::LineRound rounds[] = {{2, 8}, {1, 4}};
+  const auto match = [&](const Pair& pair, std::span<const FeatureCheck> checks, const SE3& start) {
+    return internal::match_line_patches(s.reference, checks, pair, start, rounds, 1).has_value();
+  };
+  EXPECT_TRUE(match({0, s.image1.view()}, s.checks, s.truth));
+  EXPECT_FALSE(match({0, other.view()}, s.checks, s.truth));
+  EXPECT_FALSE(match({0, nan.view()}, s.checks, s.truth));
+  EXPECT_FALSE(match({0, s.image1.view()}, std::vector(s.features.size(), FeatureCheck::no_depth), s.truth));
+  const std::vector<uint8_t> hidden(320 * 240, 0);
+  Pair masked{0, s.image1.view()};
+  masked.target_mask = {hidden.data(), 320, 240, 0, PixelFormat::r8};
+  EXPECT_FALSE(match(masked, s.checks, s.truth));
+  SE3 behind = s.truth;
+  behind.t.z() = -9;
+  EXPECT_FALSE(match({0, s.image1.view()}, s.checks, behind));
+  SE3 broken = s.truth;
+  broken.t.x() = NAN;
+  EXPECT_FALSE(match({0, s.image1.view()}, s.checks, broken));
+}
+
+TEST(Lines, OfHiddenPixelsAreNone) {
+  Map grey = grey_map(fields(1, 1).view());
+  for (int v = 0; v < grey.height; ++v)
+    for (int u = 0; u < grey.width / 2; ++u) grey.at(u, v) = v % 2 ? kHidden : NAN;
+  const internal::Lines lines = internal::lines_of(grey, 4);
+  EXPECT_TRUE(lines.real().allFinite() && lines.imag().allFinite());
+  EXPECT_EQ(lines.leftCols(grey.width / 8).norm(), 0);
+  EXPECT_GT(lines.rightCols(grey.width / 8 - 1).norm(), 0);
 }
 
 }  // namespace

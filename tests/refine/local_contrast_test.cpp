@@ -12,7 +12,6 @@
 namespace iclk {
 namespace {
 
-using internal::edges;
 using internal::FloatImage;
 using internal::local_contrast;
 using test::Frame;
@@ -92,32 +91,6 @@ TEST(LocalContrast, BadPixelsStayWhereTheyAre) {
   EXPECT_NEAR(image.pixels[101 * 320 + 100], before.pixels[101 * 320 + 100], 0.01);
   const Frame flat{8, 8, std::vector<float>(64, 0.3f)};
   for (const float x : local_contrast(flat.view()).pixels) EXPECT_NEAR(x, 0.5f, 1e-4f);
-}
-
-TEST(Edges, KeepTheirStrengthWhereContrastIsInverted) {
-  const Frame frame = test::render(relief(), 0);
-  Frame inverted = frame;
-  for (float& x : inverted.data) x = 1 - x;
-  const FloatImage before = edges(frame.view()), after = edges(inverted.view());
-  double worst = 0, varies = 0;
-  for (size_t i = 0; i < before.pixels.size(); ++i) {
-    worst = std::max<double>(worst, std::abs(before.pixels[i] - after.pixels[i]));
-    varies += std::pow(before.pixels[i] - 0.5, 2) / static_cast<double>(before.pixels.size());
-  }
-  EXPECT_LT(worst, 0.02);
-  EXPECT_GT(std::sqrt(varies), 0.1);
-}
-
-TEST(Edges, BordersOfHiddenPixelsAreNone) {
-  Frame frame = test::render(relief(), 0), other = frame;
-  std::vector<uint8_t> mask(frame.data.size(), 255);
-  for (int v = 0; v < frame.height; ++v)
-    for (int u = 0; u < frame.width / 2; ++u)
-      other.at(u, v) = 7, mask[static_cast<size_t>(v) * 320 + static_cast<size_t>(u)] = 0;
-  const ImageView hides{mask.data(), 320, 240, 0, PixelFormat::r8};
-  const FloatImage a = edges(frame.view(), hides), b = edges(other.view(), hides);
-  EXPECT_TRUE(std::isnan(b.pixels[120 * 320 + 160])) << "beside what is hidden";
-  for (size_t u = 161; u < 320; ++u) EXPECT_EQ(a.pixels[120 * 320 + u], b.pixels[120 * 320 + u]) << u;
 }
 
 TEST(LocalContrast, PairsInHazeAreAligned) {

@@ -1,0 +1,156 @@
+#include <iclk/align/search/line_patches.h>
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include <Eigen/LU>
+
+#include <iclk/align/common/each.h>
+#include <iclk/align/common/input.h>
+#include <iclk/align/search/matching.h>
+
+namespace iclk::internal {
+namespace {
+
+using Eigen::Index;
+using Eigen::MatrixXf;
+using Eigen::Vector2d;
+
+constexpr Index kHalf = 12;  // pixels of the map to either side of a patch's centre
+constexpr int kHypotheses = 512;
+
+/// Complex numbers as two maps, with a border of zeros.
+struct Target {
+  Target(const Lines& lines, Index reach) : border(reach), width(lines.cols()), height(lines.rows()) {
+    real = imag = MatrixXf::Zero(height + 2 * border, width + 2 * border);
+    real.block(border, border, height, width) = lines.real();
+    imag.block(border, border, height, width) = lines.imag();
+  }
+  Index border, width, height;
+  MatrixXf real, imag;
+};
+
+/// How a pose maps the surroundings of a feature, if it stays in front of the camera.
+struct Warp {
+  Vector2d place;
+  Eigen::Matrix2d A;  ///< derivative
+};
+
+class Warper {
+ public:
+  Warper(const Camera& camera, double mean_inverse_depth, int scale, const SE3& T)
+      : camera_(camera), R_(T.R), t_(T.t * mean_inverse_depth), scale_(scale) {}
+  std::optional<Warp> operator()(const Vector2d& centre, const Eigen::Vector3d& point) const {
+    const double depth = point.z() / ray(centre).z();
+    const auto place = [&](const Vector2d& at) -> Vector2d {
+      const Eigen::Vector3d X = R_ * (ray(at) * depth) + t_;
+      if (!(X.z() > 0)) return Vector2d::Constant(NAN);
+      return (camera_.project(X).array() + 0.5) / scale_ - 0.5;
+    };
+    Warp warp{place(centre), {}};
+    for (int axis = 0; axis < 2; ++axis) {
+      const Vector2d step = kHalf * Vector2d::Unit(axis);
+      warp.A.col(axis) = (place(centre + step) - place(centre - step)) / (2 * kHalf);
+    }
+    if (!warp.place.allFinite() || !(warp.A.determinant() > 0.1)) return {};
+    return warp;
+  }
+
+ private:
+  Eigen::Vector3d ray(const Vector2d& at) const { return camera_.ray((at.array() + 0.5) * scale_ - 0.5); }
+  const Camera& camera_;
+  Eigen::Matrix3d R_;
+  Eigen::Vector3d t_;
+  double scale_;
+};
+
+/// A patch that is compared. Without a match, it looks most like a place at the border of those around, so it may be farther
+/// away.
+struct Compared {
+  std::optional<Correspondence> match;
+};
+
+/// The place of a warped patch near where it is expected.
+std::optional<Compared> find(const Lines& reference, const Target& target, const Vector2d& centre, const Eigen::Vector3d& point,
+                             const Warp& warp, int scale) {
+  const Index reach = target.border;
+  const auto u = static_cast<Index>(std::lround(warp.place.x())), v = static_cast<Index>(std::lround(warp.place.y()));
+  if (u < kHalf || v < kHalf || u + kHalf >= target.width || v + kHalf >= target.height) return {};
+  constexpr Index kSide = 2 * kHalf + 1;
+  const Eigen::Matrix2d back = warp.A.inverse();
+  const double roll = std::atan2(warp.A(1, 0) - warp.A(0, 1), warp.A(0, 0) + warp.A(1, 1));
+  const std::complex<float> turn = std::polar(1.0f, static_cast<float>(2 * roll));
+  MatrixXf real(kSide, kSide), imag(kSide, kSide);
+  for (Index x = 0; x < kSide; ++x)
+    for (Index y = 0; y < kSide; ++y) {
+      const Vector2d from_place = Vector2d(u + x - kHalf, v + y - kHalf) - warp.place;
+      const std::complex<float> line = turn * sample(reference, centre + back * from_place);
+      real(y, x) = line.real(), imag(y, x) = line.imag();
+    }
+  const float norm = std::sqrt(real.squaredNorm() + imag.squaredNorm());
+  if (!(norm > 0)) return {};
+  MatrixXf scores(2 * reach + 1, 2 * reach + 1);
+  for (Index x = 0; x < scores.cols(); ++x)
+    for (Index y = 0; y < scores.rows(); ++y) {
+      const Index left = u - kHalf + x, top = v - kHalf + y;  // with the border, which is as wide as the reach
+      scores(y, x) = (real.cwiseProduct(target.real.block(top, left, kSide, kSide)).sum() +
+                      imag.cwiseProduct(target.imag.block(top, left, kSide, kSide)).sum()) /
+                     norm;
+    }
+  Index y = 0, x = 0;
+  const float best = scores.maxCoeff(&y, &x);
+  if (!(best > 0)) return {};
+  if (x == 0 || y == 0 || x + 1 == scores.cols() || y + 1 == scores.rows()) return Compared{};
+  const Vector2d place(static_cast<double>(u + x - reach) + peak(scores(y, x - 1), best, scores(y, x + 1)),
+                       static_cast<double>(v + y - reach) + peak(scores(y - 1, x), best, scores(y + 1, x)));
+  return Compared{Correspondence{point, (place.array() + 0.5) * scale - 0.5, best}};
+}
+
+}  // namespace
+
+std::vector<LineRound> line_rounds(const Camera& camera, double share) {
+  const int scale = match_layout(camera).scale;
+  return {{scale, 8, 0.5 * share}, {scale, 4, share}, {std::max(1, scale / 2)}, {1}};
+}
+
+std::optional<LinePose> match_line_patches(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
+                                           const SE3& start, std::span<const LineRound> rounds, int threads) {
+  const Camera& camera = reference.camera;
+  MatchLayout layout = match_layout(camera);
+  const double mean_q = mean_inverse_depth(reference, checks, false);
+  if (!layout.enabled || !(mean_q > 0)) return {};
+  const Map grey = grey_map(reference.image);
+  Pyramid target = {grey_map(pair.target)};
+  hide(target, pair.target_mask);
+  LinePose pose{start};
+  for (const LineRound& round : rounds) {
+    layout.scale = round.scale;
+    const Lines known = distinct(lines_of(grey, round.scale), kHalf);
+    const Target sought(distinct(lines_of(target[0], round.scale), kHalf), round.reach);
+    const Warper warp_of(camera, mean_q, round.scale, pose.T_10);
+    const size_t count = static_cast<size_t>(std::min(reference.features.size(), layout.features));
+    std::vector<std::optional<Compared>> found(count);
+    for_each_of(count, threads, [&](size_t match) {
+      const auto i = static_cast<size_t>(matched_feature(static_cast<int>(match), reference.features.size()));
+      if (checks[i] != FeatureCheck::ok) return;
+      const Vector2d& uv = reference.features.uv[i];
+      const Vector2d centre = (uv.array() + 0.5) / round.scale - 0.5;
+      const Eigen::Vector3d point = camera.ray(uv) * (mean_q / reference.features.inverse_depth[i]);
+      const std::optional<Warp> warp = warp_of(centre, point);
+      if (warp) found[match] = find(known, sought, centre, point, *warp, round.scale);
+    });
+    std::vector<Correspondence> all;
+    const auto compared = std::count_if(found.begin(), found.end(), [](const auto& c) { return c.has_value(); });
+    for (const auto& c : found)
+      if (c && c->match) all.push_back(*c->match);
+    std::stable_sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.distinct > b.distinct; });
+    const double share = round.share * static_cast<double>(compared) / static_cast<double>(std::max<size_t>(all.size(), 1));
+    const auto agreed = pose_of(all, camera, mean_q, layout, kHypotheses, share);
+    if (!agreed) return {};
+    pose = {agreed->T_10, agreed->agreeing, static_cast<int>(compared)};
+  }
+  return pose;
+}
+
+}  // namespace iclk::internal

@@ -1,0 +1,37 @@
+#pragma once
+#include <optional>
+#include <span>
+#include <vector>
+
+#include <iclk/align/aligner.h>
+#include <iclk/align/search/lines.h>
+
+namespace iclk::internal {
+
+/// A round of match_line_patches().
+struct LineRound {
+  int scale = 1;        ///< image pixels per pixel of the maps
+  int reach = 6;        ///< pixels of the maps around the expected places
+  double share = 0.25;  ///< of the patches, which must agree
+};
+
+/// A pose on which patches of lines agree.
+struct LinePose {
+  SE3 T_10;
+  int agreeing = 0, compared = 0;  ///< patches, in the last round
+  double share() const { return compared > 0 ? static_cast<double>(agreeing) / compared : 0; }
+};
+
+/// The rounds from a start that is up to 8 pixels of the matched map off: two at its scale, in which `share` of the patches
+/// must agree, at first half as many, and two finer ones. Precondition: the camera's images are large enough to be matched
+/// (MatchLayout::enabled).
+std::vector<LineRound> line_rounds(const Camera& camera, double share);
+
+/// A pose near `start`. Each feature's patch of lines is warped by the pose and compared with the places around the expected
+/// one, round by round. Patches have 25x25 pixels of the maps. Nothing if too few agree in any round. It does not use the
+/// pair's first guess. Precondition: the images of the reference and the pair have the size of the
+/// reference's camera.
+std::optional<LinePose> match_line_patches(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
+                                           const SE3& start, std::span<const LineRound> rounds, int threads);
+
+}  // namespace iclk::internal
