@@ -88,7 +88,8 @@ TEST(Lines, ThreadsChangeNothing) {
 
 /// Level fields, seen from above in two years.
 struct TwoYears {
-  explicit TwoYears(uint32_t place) : image0(fields(place, 1)), image1(fields(place, 2, motion)) {
+  explicit TwoYears(uint32_t place, double roll = 0.15)
+      : motion(motion_of(roll, 1, {36, -20})), image0(fields(place, 1)), image1(fields(place, 2, motion)) {
     for (int v = 30; v < 220; v += 18)
       for (int u = 30; u < 300; u += 20) features.uv.emplace_back(u, v), features.inverse_depth.push_back(1 / depth);
     reference = {image0.view(), kCamera, features, {}};
@@ -107,7 +108,7 @@ struct TwoYears {
   }
 
   const double depth = 4;
-  const Similarity motion = motion_of(0.15, 1, {36, -20});
+  const Similarity motion;
   Frame image0, image1;
   Features features;
   Reference reference;
@@ -125,7 +126,7 @@ TEST(Lines, FindAStartWherePatchesDoNot) {
 }
 
 TEST(LinePatches, FindThePoseNearAnother) {
-  const TwoYears s(1);
+  const TwoYears s(1, 1);
   const Pair pair{0, s.image1.view()};
   SE3 near = s.truth;
   near.t.x() += 0.12;
@@ -139,6 +140,8 @@ TEST(LinePatches, FindThePoseNearAnother) {
   EXPECT_EQ(threads->T_10.matrix(), found->T_10.matrix());
   const internal::LineRound strict[] = {{2, 8}, {1, 4, found->share() + 0.1}};
   EXPECT_FALSE(internal::match_line_patches(s.reference, s.checks, pair, near, strict, 1)) << "too few agree";
+  const internal::LineRound narrow[] = {{1, 4}};
+  EXPECT_FALSE(internal::match_line_patches(s.reference, s.checks, pair, near, narrow, 1)) << "it is farther away";
 }
 
 TEST(LinePatches, FindNothingWhereNothingIs) {
