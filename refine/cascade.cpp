@@ -191,21 +191,20 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
 /// Pairs with other images. The keyframes have theirs back at the end.
 class Cascade::Changed {
  public:
-  using Filter = internal::FloatImage (*)(const ImageView& image, const ImageView& mask);  // null: none
-  Changed(Cascade& cascade, std::span<const Pair> given, Filter filter, const internal::PairBlur* blur)
+  Changed(Cascade& cascade, std::span<const Pair> given, bool local_contrast, const internal::PairBlur* blur)
       : Changed(cascade) {  // from here on, the destructor runs even if this throws
     pairs.assign(given.begin(), given.end());
     for (Pair& pair : pairs) {
       Keyframe& keyframe = cascade.keyframes_[static_cast<size_t>(pair.reference)];
       if (own_.try_emplace(pair.reference, keyframe.reference.image).second) {
         if (blur) keyframe.reference.image = keep(internal::blurred(keyframe.reference.image, blur->target_in_reference));
-        if (filter) keyframe.reference.image = keep(filter(keyframe.reference.image, {}));
+        if (local_contrast) keyframe.reference.image = keep(internal::local_contrast(keyframe.reference.image));
         keyframe.version = ++cascade.versions_;
       }
       if (blur) pair.target = keep(internal::blurred(pair.target, blur->reference_in_target));
       if (blur && !pair.target_mask.empty())
         pair.target_mask = masks_.emplace_back(internal::blurred_mask(pair.target_mask, blur->reference_in_target)).view;
-      if (filter) pair.target = keep(filter(pair.target, pair.target_mask));
+      if (local_contrast) pair.target = keep(internal::local_contrast(pair.target, pair.target_mask));
     }
   }
   ~Changed() {
@@ -242,8 +241,7 @@ std::vector<RefinedAlignment> Cascade::run(const Look& look, const std::vector<P
   const size_t at_once =
       std::max(size_t{1}, kMostPixels / (static_cast<size_t>(image.width) * static_cast<size_t>(image.height)));
   for (size_t first = 0; first < pairs.size(); first += at_once) {
-    const Changed changed(*this, std::span(pairs).subspan(first, std::min(at_once, pairs.size() - first)),
-                          internal::local_contrast, nullptr);
+    const Changed changed(*this, std::span(pairs).subspan(first, std::min(at_once, pairs.size() - first)), true, nullptr);
     for (RefinedAlignment& r : run(look.step, changed.pairs)) answers.push_back(std::move(r));
   }
   for (RefinedAlignment& r : answers) {
@@ -262,7 +260,7 @@ std::optional<internal::PairBlur> Cascade::blur_of(const Pair& pair, const Refin
 
 std::optional<RefinedAlignment> Cascade::align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                                      const RefinedAlignment& given) {
-  const Changed changed(*this, {&pair, 1}, look.local_contrast ? internal::local_contrast : nullptr, &blur);
+  const Changed changed(*this, {&pair, 1}, look.local_contrast, &blur);
   RefinedAlignment answer = run(look.step, changed.pairs).front();
   internal::judge_second_look(answer);
   const internal::View view = internal::view_of(*running_[look.step].aligner, pair.reference);
@@ -292,7 +290,7 @@ std::optional<SE3> Cascade::pose_by_lines(const Pair& pair, size_t step, const R
   const Aligner& aligner = *running_[step].aligner;
   const Camera& camera = aligner.camera(pair.reference);
   if (!internal::match_layout(camera).enabled) return {};
-  const std::vector<internal::LineRound> rounds = internal::line_rounds(camera, 0.25);
+  const std::vector<internal::LineRound> rounds = internal::line_rounds(camera);
   const auto near = [&](const SE3& start, std::span<const internal::LineRound> from) {
     return internal::match_line_patches(keyframes_[static_cast<size_t>(pair.reference)].reference,
                                         aligner.checks(pair.reference), pair, start, from, steps_[step].refiner->threads);

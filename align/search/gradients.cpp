@@ -23,7 +23,6 @@ constexpr int kApart = 16;  // pixels of the map; nearer places belong to one pe
 constexpr int kHypotheses = 1024;
 constexpr double kShare = 0.08;      // of the correspondences, which must agree with a start
 constexpr double kClearShare = 0.3;  // of the same, with which a start is certain; wrong ones reach 0.27
-constexpr double kLineShare = 0.25;  // of the patches of lines, which must agree near the motion of the whole image
 constexpr int kRolls = 12;           // of a full turn
 constexpr float kLeastNorm = 1e-3f;  // of a descriptor with texture
 
@@ -253,7 +252,7 @@ std::optional<Similarity> motion_of(const Reference& reference, const Pair& pair
 /// The pose near another one on which patches of lines agree, as fine as they allow.
 std::optional<SE3> near_by_lines(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
                                  const SE3& near, int threads) {
-  const std::vector<LineRound> rounds = line_rounds(reference.camera, kLineShare);
+  const std::vector<LineRound> rounds = line_rounds(reference.camera);
   const std::span<const LineRound> coarse = std::span(rounds).first(2), fine = std::span(rounds).subspan(2);
   const auto found = match_line_patches(reference, checks, pair, near, coarse, threads);
   if (!found) return {};

@@ -65,8 +65,8 @@ class Warper {
   double scale_;
 };
 
-/// A patch that is compared. Without a match, it looks most like a place at the border of those around, so it may be farther
-/// away.
+/// A patch that was compared. It has no match if it looks most like a place at the border of those around: its own may be
+/// farther away.
 struct Compared {
   std::optional<Correspondence> match;
 };
@@ -109,9 +109,9 @@ std::optional<Compared> find(const Lines& reference, const Target& target, const
 
 }  // namespace
 
-std::vector<LineRound> line_rounds(const Camera& camera, double share) {
+std::vector<LineRound> line_rounds(const Camera& camera) {
   const int scale = match_layout(camera).scale;
-  return {{scale, 8, 0.5 * share}, {scale, 4, share}, {std::max(1, scale / 2)}, {1}};
+  return {{scale, 8, 0.125}, {scale, 4}, {std::max(1, scale / 2)}, {1}};
 }
 
 std::optional<LinePose> match_line_patches(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
@@ -124,10 +124,13 @@ std::optional<LinePose> match_line_patches(const Reference& reference, std::span
   Pyramid target = {grey_map(pair.target)};
   hide(target, pair.target_mask);
   LinePose pose{start};
+  layout.scale = 0;
+  Lines known, seen;
   for (const LineRound& round : rounds) {
+    if (layout.scale != round.scale)
+      known = distinct(lines_of(grey, round.scale), kHalf), seen = distinct(lines_of(target[0], round.scale), kHalf);
     layout.scale = round.scale;
-    const Lines known = distinct(lines_of(grey, round.scale), kHalf);
-    const Target sought(distinct(lines_of(target[0], round.scale), kHalf), round.reach);
+    const Target sought(seen, round.reach);
     const Warper warp_of(camera, mean_q, round.scale, pose.T_10);
     const size_t count = static_cast<size_t>(std::min(reference.features.size(), layout.features));
     std::vector<std::optional<Compared>> found(count);

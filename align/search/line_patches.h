@@ -22,10 +22,9 @@ struct LinePose {
   double share() const { return compared > 0 ? static_cast<double>(agreeing) / compared : 0; }
 };
 
-/// The rounds from a start that is up to 8 pixels of the matched map off: two at its scale, in which `share` of the patches
-/// must agree, at first half as many, and two finer ones. Precondition: the camera's images are large enough to be matched
-/// (MatchLayout::enabled).
-std::vector<LineRound> line_rounds(const Camera& camera, double share);
+/// The rounds from a start that is up to 8 pixels of the matched map off: two at its scale, and two finer ones. Precondition:
+/// the camera's images are large enough to be matched (MatchLayout::enabled).
+std::vector<LineRound> line_rounds(const Camera& camera);
 
 /// A pose near `start`. Each feature's patch of lines is warped by the pose and compared with the places around the expected
 /// one, round by round. Patches have 25x25 pixels of the maps. Nothing if too few agree in any round. It does not use the

@@ -22,7 +22,7 @@ constexpr double kScales[] = {0.84, 0.92, 1.0, 1.09, 1.19};  // that the steps o
 constexpr Index kAround = 6;                                 // pixels to either side: lines are compared with those around them
 constexpr float kLeast = 0.01f;                              // of the lines' strength
 constexpr double kOverlap = 0.3;                             // of the map
-constexpr double kClear = 1.15, kClearOfAll = 1.1;           // times the score of any other place, upright and at all rolls
+constexpr double kClear = 1.15, kClearOfAll = 1.1;           // times the score of any other place: upright, at all rolls
 constexpr double kAnotherPlace = 5;                          // pixels of the map
 
 /// Means over the squares around each place, which end at the border.
@@ -120,7 +120,7 @@ Match best_shift(const Lines& reference, const Lines& spectrum, Similarity s, Tr
   return best;
 }
 
-/// The median would do; a turn moves the corners most.
+/// Whether two motions put the middles of opposite quarters elsewhere.
 bool another_place(const Similarity& a, const Similarity& b) {
   const Vector2d corner = 0.5 * a.centre;
   return ((a(corner) - b(corner)).norm() + (a(3 * corner) - b(3 * corner)).norm()) / 2 > kAnotherPlace;
