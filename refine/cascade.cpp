@@ -36,8 +36,9 @@ RefinedAlignment unrefined(const Reference& reference, Alignment alignment, doub
 
 constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contrast at a time
 
-constexpr double kForMean = 3;  // px, median motion: farther poses are not averaged
-constexpr double kNear = 5;     // px, median motion of the features: the same pose, found in other images
+constexpr double kForMean = 3;   // px, median motion: farther poses are not averaged
+constexpr int kClearlyMore = 2;  // patches of lines for each feature that confirms a pose, which they correct
+constexpr double kNear = 5;      // px, median motion of the features: the same pose, found in other images
 
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
@@ -285,7 +286,7 @@ RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, Ref
   return alike ? std::move(*alike) : answer;
 }
 
-std::optional<SE3> Cascade::pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const {
+std::optional<internal::LinePose> Cascade::pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const {
   constexpr double kNearby = 3, kShareNearby = 0.25, kShare = 0.35;  // px; of the patches, which must agree
   const Aligner& aligner = *running_[step].aligner;
   const Camera& camera = aligner.camera(pair.reference);
@@ -304,28 +305,28 @@ std::optional<SE3> Cascade::pose_by_lines(const Pair& pair, size_t step, const R
   const double moved = internal::median_motion(internal::view_of(aligner, pair.reference), best->T_10, answer.T_10);
   // A claim moves no farther than by a mean, because its covariance does not know of the correction.
   if (answer.converged() && moved > 0.5 * kForMean) return {};
-  return best->share() >= (moved <= kNearby ? kShareNearby : kShare) ? std::optional(best->T_10) : std::nullopt;
+  if (answer.refined && (answer.blur || best->agreeing < kClearlyMore * answer.inliers)) return {};
+  return best->share() >= (moved <= kNearby ? kShareNearby : kShare) ? best : std::nullopt;
 }
 
 void Cascade::correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
-  if (answer.refined || answer.status == Status::ambiguous) return;
+  if (answer.status == Status::ambiguous) return;
   const internal::Stopwatch time;
   const Aligner& aligner = *running_[by_contrast.step].aligner;
   const SE3 given = answer.T_10;
-  const std::optional<SE3> by_lines = pose_by_lines(pair, by_contrast.step, answer);
+  const std::optional<internal::LinePose> by_lines = pose_by_lines(pair, by_contrast.step, answer);
   const double apart = internal::median_motion(internal::view_of(aligner, pair.reference), by_contrast.T_10, given);
-  const char* how = nullptr;
   if (by_lines) {
-    answer.T_10 = *by_lines;
-    how = "; pose by lines";
-  } else if (apart > 0 && apart <= kForMean) {
+    answer.T_10 = by_lines->T_10;
+    answer.reason += "; pose by lines, on which " + std::to_string(by_lines->agreeing) + " of " +
+                     std::to_string(by_lines->compared) + " patches agree";
+  } else if (!answer.refined && apart > 0 && apart <= kForMean) {
     answer.T_10 = given * SE3::exp(0.5 * (given.inverse() * by_contrast.T_10).log());
-    how = "; mean with the pose by local contrast";
+    answer.reason += "; mean with the pose by local contrast";
   }
   times_.align += time.ms();
-  if (how == nullptr) return;
-  answer.reason += how;
-  internal::record_stage(answer, "correction", answer.T_10, answer.stages.back().cost, time.ms());
+  if (answer.T_10.matrix() != given.matrix())
+    internal::record_stage(answer, "correction", answer.T_10, answer.stages.back().cost, time.ms());
 }
 
 void Cascade::find_starts(const std::vector<size_t>& left, int threads, std::vector<Pair>& pairs) const {

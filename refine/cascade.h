@@ -11,8 +11,9 @@
 
 namespace iclk {
 namespace internal {
+struct LinePose;
 struct PairBlur;
-}
+}  // namespace internal
 
 /// A pair with its own reference. Pixels and depths are read during Cascade::align() only.
 struct CascadePair {
@@ -35,9 +36,9 @@ struct CascadePair {
 /// images blurred alike (RefinedAlignment::blur). That answer counts if its features confirm it, or if it is near the first
 /// one.
 ///
-/// A pose that features do not confirm is corrected, if a look by local contrast was taken. Edges give another pose. If they
-/// correlate too little, the answer is the mean with the pose by local contrast. Both must be near the pose that they correct.
-/// Covariance and status remain those of the first.
+/// A pose that features do not confirm is corrected, if a look by local contrast was taken. Patches of lines give another pose
+/// if enough of them agree. Otherwise the answer is the mean with the pose by local contrast, if that is near. Patches also
+/// correct a pose that features confirm, if twice as many agree. Covariance and status remain those of the first.
 ///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.
@@ -118,7 +119,7 @@ class Cascade {
   std::optional<RefinedAlignment> align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                               const RefinedAlignment& given);
   /// The pose on which patches of lines agree, near the answer or the pair's start.
-  std::optional<SE3> pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const;
+  std::optional<internal::LinePose> pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const;
   /// Corrects a pose that no features confirm.
   void correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer);
   RefinedAlignment answer_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
