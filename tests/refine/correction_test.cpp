@@ -1,4 +1,5 @@
-// A model's pose that no features confirm is corrected by lines, or by local contrast.
+// A model's pose that no features, or few, confirm is corrected by lines, or by local contrast.
+#include <algorithm>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -55,6 +56,7 @@ class Correction : public testing::Test {
     RefinerOptions refuses, keeps;
     refuses.min_inliers = 1000;
     keeps.min_inliers = silent ? 1000 : 10;
+    keeps.min_inlier_share = least_share_;
     keeps.keep_unconfirmed = true;
     Cascade cascade(
         {{"classical", [&] { return make_cpu_aligner(plan, AlignerOptions()); }, refuses, local_contrast, false, false},
@@ -72,6 +74,7 @@ class Correction : public testing::Test {
 
   Relief relief_;
   Status status_ = Status::converged;
+  double least_share_ = RefinerOptions().min_inlier_share;
   Frame image0_, image1_;
   Features features_;
 };
@@ -120,6 +123,26 @@ TEST_F(Correction, ConfirmedPosesStay) {
   const RefinedAlignment confirmed = answer(0.5, true, false);
   ASSERT_TRUE(confirmed.refined) << confirmed.reason;
   EXPECT_EQ(confirmed.T_10.matrix(), answer(0.5, false, false).T_10.matrix());
+}
+
+TEST_F(Correction, LinesOutvoteFewConfirmingFeatures) {
+  // Contrast is inverted but for a quarter of the image, which has moved by a pixel.
+  const int width = relief_.camera.width, kept = relief_.camera.height / 4;
+  for (int v = 0; v < relief_.camera.height; ++v) {
+    float* row = image1_.data.data() + static_cast<std::ptrdiff_t>(v) * width;
+    if (v < kept)
+      std::copy_backward(row, row + width - 1, row + width);
+    else
+      std::transform(row, row + width, row, [](float x) { return 1 - x; });
+  }
+  least_share_ = 0.1;
+  const RefinedAlignment alone = answer(0, false, false), corrected = answer(0, true, false);
+  ASSERT_TRUE(alone.converged() && alone.refined) << alone.reason;
+  EXPECT_GT(error(alone), 0.5) << alone.reason;
+  ASSERT_TRUE(corrected.converged() && corrected.refined) << corrected.reason;
+  EXPECT_LT(error(corrected), 0.3) << corrected.reason;
+  EXPECT_NE(corrected.reason.find("pose by lines, on which"), std::string::npos) << corrected.reason;
+  EXPECT_EQ(corrected.covariance, alone.covariance);
 }
 
 }  // namespace
