@@ -55,6 +55,7 @@ struct Alignment {
   double correlation = 0;              ///< of f0 and the warped f1 over visible mask pixels at the end, in [-1, 1]
   double agreement = 0;                ///< correlation of both images' gradients in the worst direction of the pose, in [-1, 1]
   double visible_fraction = 0;         ///< share of the finest level's mask pixels inside the target at the end, in [0, 1]
+  double repeats = 0;                  ///< share of the features that look the same elsewhere in the target; 0 without a search
   double gain = 1, bias = 0;           ///< f1 = gain f0 + bias
   std::vector<LevelTrace> levels;      ///< coarse to fine
   std::vector<FeatureCheck> features;  ///< one verdict per feature of the reference; empty in dense mode

@@ -9,7 +9,6 @@
 
 #include <iclk/align/common/stopwatch.h>
 #include <iclk/align/search/gradients.h>
-#include <iclk/align/search/line_patches.h>
 #include <iclk/engine/error.h>
 #include <iclk/refine/internal/blur.h>
 #include <iclk/refine/internal/rounds.h>
@@ -36,9 +35,7 @@ RefinedAlignment unrefined(const Reference& reference, Alignment alignment, doub
 
 constexpr size_t kMostPixels = size_t{1} << 24;  // of targets with local contrast at a time
 
-constexpr double kForMean = 3;   // px, median motion: farther poses are not averaged
-constexpr int kClearlyMore = 2;  // patches of lines for each feature that confirms a pose, which they correct
-constexpr double kNear = 5;      // px, median motion of the features: the same pose, found in other images
+constexpr double kNear = 5;  // px, median motion of the features: the same pose, found in other images
 
 /// 2: confirmed by features, 1: a claim of a model alone, 0: no claim.
 int rank(const RefinedAlignment& r) { return r.converged() ? 1 + r.refined : 0; }
@@ -286,49 +283,6 @@ RefinedAlignment Cascade::look_past_blur(const Look& look, const Pair& pair, Ref
   return alike ? std::move(*alike) : answer;
 }
 
-std::optional<internal::LinePose> Cascade::pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const {
-  constexpr double kNearby = 3, kShareNearby = 0.25, kShare = 0.35;  // px; of the patches, which must agree
-  const Aligner& aligner = *running_[step].aligner;
-  const Camera& camera = aligner.camera(pair.reference);
-  if (!internal::match_layout(camera).enabled) return {};
-  const std::vector<internal::LineRound> rounds = internal::line_rounds(camera);
-  const auto near = [&](const SE3& start, std::span<const internal::LineRound> from) {
-    return internal::match_line_patches(keyframes_[static_cast<size_t>(pair.reference)].reference,
-                                        aligner.checks(pair.reference), pair, start, from, steps_[step].refiner->threads);
-  };
-  std::optional<internal::LinePose> best = near(answer.T_10, std::span(rounds).subspan(2));
-  if (pair.found && !answer.converged()) {
-    const auto from_start = near(pair.T_10, rounds);
-    if (from_start && (!best || from_start->share() > best->share())) best = from_start;
-  }
-  if (!best) return {};
-  const double moved = internal::median_motion(internal::view_of(aligner, pair.reference), best->T_10, answer.T_10);
-  // A claim moves no farther than by a mean, because its covariance does not know of the correction.
-  if (answer.converged() && moved > 0.5 * kForMean) return {};
-  if (answer.refined && (answer.blur || best->agreeing < kClearlyMore * answer.inliers)) return {};
-  return best->share() >= (moved <= kNearby ? kShareNearby : kShare) ? best : std::nullopt;
-}
-
-void Cascade::correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
-  if (answer.status == Status::ambiguous) return;
-  const internal::Stopwatch time;
-  const Aligner& aligner = *running_[by_contrast.step].aligner;
-  const SE3 given = answer.T_10;
-  const std::optional<internal::LinePose> by_lines = pose_by_lines(pair, by_contrast.step, answer);
-  const double apart = internal::median_motion(internal::view_of(aligner, pair.reference), by_contrast.T_10, given);
-  if (by_lines) {
-    answer.T_10 = by_lines->T_10;
-    answer.reason += "; pose by lines, on which " + std::to_string(by_lines->agreeing) + " of " +
-                     std::to_string(by_lines->compared) + " patches agree";
-  } else if (!answer.refined && apart > 0 && apart <= kForMean) {
-    answer.T_10 = given * SE3::exp(0.5 * (given.inverse() * by_contrast.T_10).log());
-    answer.reason += "; mean with the pose by local contrast";
-  }
-  times_.align += time.ms();
-  if (answer.T_10.matrix() != given.matrix())
-    internal::record_stage(answer, "correction", answer.T_10, answer.stages.back().cost, time.ms());
-}
-
 void Cascade::find_starts(const std::vector<size_t>& left, int threads, std::vector<Pair>& pairs) const {
   for (const size_t i : left) {
     Pair& pair = pairs[i];
@@ -373,7 +327,9 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
                                                               : ""),
                           answer.status, answer.reason});
       const bool settled = answer.converged() || answer.status == Status::ambiguous;
+      const double repeats = std::max(r.iclk.repeats, answer.iclk.repeats);  // looks with a start do not search
       if (settled || answer.inliers >= r.inliers) r = std::move(answer);
+      r.iclk.repeats = repeats;
       r.attempts = std::move(attempts);
       if (!settled) unsettled.push_back(i);
     }
@@ -381,7 +337,7 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
     left = std::move(unsettled);
   }
   for (size_t i = 0; i < pairs.size(); ++i)
-    if (by_contrast[i]) correct(pairs[i], *by_contrast[i], results[i]);
+    if (by_contrast[i]) look_at_lines(pairs[i], *by_contrast[i], results[i]);
   return results;
 }
 

@@ -36,9 +36,10 @@ struct CascadePair {
 /// images blurred alike (RefinedAlignment::blur). That answer counts if its features confirm it, or if it is near the first
 /// one.
 ///
-/// A pose that features do not confirm is corrected, if a look by local contrast was taken. Patches of lines give another pose
-/// if enough of them agree. Otherwise the answer is the mean with the pose by local contrast, if that is near. Patches also
-/// correct a pose that features confirm, if twice as many agree. Covariance and status remain those of the first.
+/// Features may fail to confirm a pose because contrasts differ, as between seasons. If a look by local contrast was taken,
+/// patches of lines are matched near the answer. If their positions confirm a pose, it is the answer. If they do not, a pose
+/// that no or few features confirm is corrected: it becomes that of the lines, or the mean with the pose by local contrast.
+/// Covariance and status of a corrected answer remain.
 ///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.
@@ -120,8 +121,13 @@ class Cascade {
                                               const RefinedAlignment& given);
   /// The pose on which patches of lines agree, near the answer or the pair's start.
   std::optional<internal::LinePose> pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const;
-  /// Corrects a pose that no features confirm.
-  void correct(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer);
+  /// The answer at that pose, if the positions of patches of lines confirm it.
+  std::optional<RefinedAlignment> refine_by_lines(const Pair& pair, size_t step, const SE3& T_10,
+                                                  const RefinedAlignment& answer);
+  /// Replaces an answer by one that lines confirm. If there is none, it corrects a pose that no features confirm.
+  void look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer);
+  void correct(const Pair& pair, const Opinion& by_contrast, const std::optional<internal::LinePose>& by_lines,
+               RefinedAlignment& answer);
   RefinedAlignment answer_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                 const RefinedAlignment& given);
   /// Sets `blur`, with which later looks align the pair. If no other look follows, or this one is cheap, it aligns it again.

@@ -104,15 +104,22 @@ std::vector<RefinedAlignment> Refiner::align(std::span<const Pair> pairs) {
   const size_t batch = static_cast<size_t>(std::max(1, feature_aligner_->pairs_per_batch()));
   for (size_t first = 0; first < pairs.size(); first += batch) {
     const size_t n = std::min(batch, pairs.size() - first);
-    refine(pairs.subspan(first, n), std::span(results).subspan(first, n));
+    const Stopwatch time;
+    std::vector<Alignment> alignments = aligner_.align(pairs.subspan(first, n));
+    const double ms = time.ms() / static_cast<double>(n);
+    refine(pairs.subspan(first, n), std::move(alignments), ms, std::span(results).subspan(first, n));
   }
   return results;
 }
 
-void Refiner::refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results) {
-  const Stopwatch iclk_time;
-  std::vector<Alignment> alignments = aligner_.align(pairs);
-  const double iclk_ms = iclk_time.ms() / static_cast<double>(pairs.size());
+RefinedAlignment Refiner::refine(const Pair& pair, Alignment known) {
+  RefinedAlignment result;
+  refine({&pair, 1}, {std::move(known)}, 0, {&result, 1});
+  return result;
+}
+
+void Refiner::refine(std::span<const Pair> pairs, std::vector<Alignment> alignments, double iclk_ms,
+                     std::span<RefinedAlignment> results) {
   std::vector<PoseCandidate> candidates;
   for (size_t i = 0; i < pairs.size(); ++i) {
     RefinedAlignment& r = results[i];

@@ -144,9 +144,12 @@ class Refiner {
   /// Returns one result per pair, in order. Throws the errors of Aligner::align(), but never for a failed refinement.
   std::vector<RefinedAlignment> align(std::span<const Pair> pairs);
   RefinedAlignment align(const Pair& pair) { return std::move(align(std::span(&pair, 1)).front()); }
+  /// The same for a pose that is already known, in place of ICLK's.
+  RefinedAlignment refine(const Pair& pair, Alignment known);
 
  private:
-  void refine(std::span<const Pair> pairs, std::span<RefinedAlignment> results);
+  void refine(std::span<const Pair> pairs, std::vector<Alignment> alignments, double iclk_ms,
+              std::span<RefinedAlignment> results);
   void conclude(std::span<const Pair> pairs, internal::PoseCandidate& candidate) const;
   /// Looks for the features of models' unconfirmed poses in images of half the size. The answer counts if they find the pose
   /// again.

@@ -20,16 +20,7 @@ using Eigen::Vector2d;
 constexpr Index kHalf = 12;  // pixels of the map to either side of a patch's centre
 constexpr int kHypotheses = 512;
 
-/// Complex numbers as two maps, with a border of zeros.
-struct Target {
-  Target(const Lines& lines, Index reach) : border(reach), width(lines.cols()), height(lines.rows()) {
-    real = imag = MatrixXf::Zero(height + 2 * border, width + 2 * border);
-    real.block(border, border, height, width) = lines.real();
-    imag.block(border, border, height, width) = lines.imag();
-  }
-  Index border, width, height;
-  MatrixXf real, imag;
-};
+constexpr Index kBorder = 8;  // pixels of the map around the target, the largest reach
 
 /// How a pose maps the surroundings of a feature, if it stays in front of the camera.
 struct Warp {
@@ -65,18 +56,26 @@ class Warper {
   double scale_;
 };
 
-/// A patch that was compared. It has no match if it looks most like a place at the border of those around: its own may be
-/// farther away.
-struct Compared {
-  std::optional<Correspondence> match;
-};
+}  // namespace
 
-/// The place of a warped patch near where it is expected.
-std::optional<Compared> find(const Lines& reference, const Target& target, const Vector2d& centre, const Eigen::Vector3d& point,
-                             const Warp& warp, int scale) {
-  const Index reach = target.border;
+LinePatches::LinePatches(const Map& reference, const Map& target, int scale)
+    : known_(distinct(lines_of(reference, scale), kHalf)), scale_(scale) {
+  const Lines seen = distinct(lines_of(target, scale), kHalf);
+  real_ = imag_ = MatrixXf::Zero(seen.rows() + 2 * kBorder, seen.cols() + 2 * kBorder);
+  real_.block(kBorder, kBorder, seen.rows(), seen.cols()) = seen.real();
+  imag_.block(kBorder, kBorder, seen.rows(), seen.cols()) = seen.imag();
+}
+
+std::optional<LinePatches::Compared> LinePatches::find(const Camera& camera, const Vector2d& uv, double inverse_depth,
+                                                       const SE3& T_10, int reach) const {
+  const Vector2d centre = (uv.array() + 0.5) / scale_ - 0.5;
+  const Eigen::Vector3d point = camera.ray(uv);
+  const std::optional<Warp> found = Warper(camera, inverse_depth, scale_, T_10)(centre, point);
+  if (!found) return {};
+  const Warp& warp = *found;
+  const Index width = real_.cols() - 2 * kBorder, height = real_.rows() - 2 * kBorder;
   const auto u = static_cast<Index>(std::lround(warp.place.x())), v = static_cast<Index>(std::lround(warp.place.y()));
-  if (u < kHalf || v < kHalf || u + kHalf >= target.width || v + kHalf >= target.height) return {};
+  if (u < kHalf || v < kHalf || u + kHalf >= width || v + kHalf >= height) return {};
   constexpr Index kSide = 2 * kHalf + 1;
   const Eigen::Matrix2d back = warp.A.inverse();
   const double roll = std::atan2(warp.A(1, 0) - warp.A(0, 1), warp.A(0, 0) + warp.A(1, 1));
@@ -85,7 +84,7 @@ std::optional<Compared> find(const Lines& reference, const Target& target, const
   for (Index x = 0; x < kSide; ++x)
     for (Index y = 0; y < kSide; ++y) {
       const Vector2d from_place = Vector2d(u + x - kHalf, v + y - kHalf) - warp.place;
-      const std::complex<float> line = turn * sample(reference, centre + back * from_place);
+      const std::complex<float> line = turn * sample(known_, centre + back * from_place);
       real(y, x) = line.real(), imag(y, x) = line.imag();
     }
   const float norm = std::sqrt(real.squaredNorm() + imag.squaredNorm());
@@ -93,9 +92,9 @@ std::optional<Compared> find(const Lines& reference, const Target& target, const
   MatrixXf scores(2 * reach + 1, 2 * reach + 1);
   for (Index x = 0; x < scores.cols(); ++x)
     for (Index y = 0; y < scores.rows(); ++y) {
-      const Index left = u - kHalf + x, top = v - kHalf + y;  // with the border, which is as wide as the reach
-      scores(y, x) = (real.cwiseProduct(target.real.block(top, left, kSide, kSide)).sum() +
-                      imag.cwiseProduct(target.imag.block(top, left, kSide, kSide)).sum()) /
+      const Index left = u - kHalf + x - reach + kBorder, top = v - kHalf + y - reach + kBorder;
+      scores(y, x) = (real.cwiseProduct(real_.block(top, left, kSide, kSide)).sum() +
+                      imag.cwiseProduct(imag_.block(top, left, kSide, kSide)).sum()) /
                      norm;
     }
   Index y = 0, x = 0;
@@ -104,10 +103,8 @@ std::optional<Compared> find(const Lines& reference, const Target& target, const
   if (x == 0 || y == 0 || x + 1 == scores.cols() || y + 1 == scores.rows()) return Compared{};
   const Vector2d place(static_cast<double>(u + x - reach) + peak(scores(y, x - 1), best, scores(y, x + 1)),
                        static_cast<double>(v + y - reach) + peak(scores(y - 1, x), best, scores(y + 1, x)));
-  return Compared{Correspondence{point, (place.array() + 0.5) * scale - 0.5, best}};
+  return Compared{Correspondence{point, (place.array() + 0.5) * scale_ - 0.5, best}};
 }
-
-}  // namespace
 
 std::vector<LineRound> line_rounds(const Camera& camera) {
   const int scale = match_layout(camera).scale;
@@ -125,23 +122,18 @@ std::optional<LinePose> match_line_patches(const Reference& reference, std::span
   hide(target, pair.target_mask);
   LinePose pose{start};
   layout.scale = 0;
-  Lines known, seen;
+  std::optional<LinePatches> patches;
   for (const LineRound& round : rounds) {
-    if (layout.scale != round.scale)
-      known = distinct(lines_of(grey, round.scale), kHalf), seen = distinct(lines_of(target[0], round.scale), kHalf);
+    if (layout.scale != round.scale) patches.emplace(grey, target[0], round.scale);
     layout.scale = round.scale;
-    const Target sought(seen, round.reach);
-    const Warper warp_of(camera, mean_q, round.scale, pose.T_10);
     const size_t count = static_cast<size_t>(std::min(reference.features.size(), layout.features));
-    std::vector<std::optional<Compared>> found(count);
+    std::vector<std::optional<LinePatches::Compared>> found(count);
     for_each_of(count, threads, [&](size_t match) {
       const auto i = static_cast<size_t>(matched_feature(static_cast<int>(match), reference.features.size()));
       if (checks[i] != FeatureCheck::ok) return;
-      const Vector2d& uv = reference.features.uv[i];
-      const Vector2d centre = (uv.array() + 0.5) / round.scale - 0.5;
-      const Eigen::Vector3d point = camera.ray(uv) * (mean_q / reference.features.inverse_depth[i]);
-      const std::optional<Warp> warp = warp_of(centre, point);
-      if (warp) found[match] = find(known, sought, centre, point, *warp, round.scale);
+      const double q = reference.features.inverse_depth[i];
+      found[match] = patches->find(camera, reference.features.uv[i], q, pose.T_10, round.reach);
+      if (found[match] && found[match]->match) found[match]->match->point *= mean_q / q;
     });
     std::vector<Correspondence> all;
     const auto compared = std::count_if(found.begin(), found.end(), [](const auto& c) { return c.has_value(); });

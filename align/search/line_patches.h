@@ -5,8 +5,32 @@
 
 #include <iclk/align/aligner.h>
 #include <iclk/align/search/lines.h>
+#include <iclk/align/search/matching.h>
 
 namespace iclk::internal {
+
+/// The patches of lines of a pair at one scale, 25x25 pixels of the maps.
+class LinePatches {
+ public:
+  /// A patch that was compared. It has no match if it looks most like a place at the border of those around: its own may be
+  /// farther away.
+  struct Compared {
+    std::optional<Correspondence> match;
+  };
+
+  /// `scale`: image pixels per pixel of the maps. `target`: its hidden pixels have no lines (hide()).
+  LinePatches(const Map& reference, const Map& target, int scale);
+
+  /// The place in the target of the patch around a feature, warped by a pose, within `reach` pixels of the maps. Nothing if the
+  /// patch is not inside the target, or has no lines.
+  std::optional<Compared> find(const Camera& camera, const Eigen::Vector2d& uv, double inverse_depth, const SE3& T_10,
+                               int reach) const;
+
+ private:
+  Lines known_;
+  Eigen::MatrixXf real_, imag_;  // of the target, with a border of zeros
+  int scale_;
+};
 
 /// A round of match_line_patches().
 struct LineRound {

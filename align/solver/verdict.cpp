@@ -60,6 +60,7 @@ void conclude(const Ending& ending, const AlignerOptions& options, Alignment& ou
   out.cost = sums.mean_cost();
   out.correlation = sums.correlation(ending.point);
   out.H = pose_information(sums, ending.point, options.photometric);
+  out.repeats = ending.repeats;
   out.covariance.setZero();
   const auto end = [&](Status status, const std::string& reason) {
     out.status = status;

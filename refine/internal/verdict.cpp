@@ -5,6 +5,7 @@
 #include <sstream>
 
 #include <iclk/shaders/refine/refine.h>
+#include <iclk/shaders/shared.h>
 
 namespace iclk::internal {
 
@@ -76,6 +77,19 @@ void judge_second_look(RefinedAlignment& r) {
   r.covariance.setZero();
   r.reason =
       "too few features agree for a second look, which needs 80 % of the aligned and 20 % of the visible ones: " + r.reason;
+}
+
+RefinerOptions by_lines(RefinerOptions options) {
+  options.keep_unconfirmed = options.rolling_shutter = options.structure = false;
+  options.min_inliers = 40;
+  options.min_inlier_share = options.min_clear_share = 0.5;
+  return options;
+}
+
+bool confirmed_by_lines(const RefinedAlignment& r) {
+  constexpr double kLeastSigma = 0.3, kMostSigma = 1;  // px, of the positions
+  return r.converged() && r.refined && r.sigma >= kLeastSigma && r.sigma <= kMostSigma &&
+         3 * static_cast<size_t>(r.inliers) >= r.features.size() && r.iclk.repeats < ICLK_MATCH_REPEATS;
 }
 
 std::string inliers_text(int inliers, int used, const PoseOptions& options) {

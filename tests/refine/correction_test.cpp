@@ -61,10 +61,21 @@ class Correction : public testing::Test {
     Cascade cascade(
         {{"classical", [&] { return make_cpu_aligner(plan, AlignerOptions()); }, refuses, local_contrast, false, false},
          {"model", [&] { return std::make_unique<Model>(plan, relief_.T_10 * error, status_); }, keeps, false, false, false}});
-    const CascadePair pair{{image0_.view(), relief_.camera, features_, {}}, image1_.view(), {}};
+    CascadePair pair{{image0_.view(), relief_.camera, features_, {}}, image1_.view(), {}};
+    pair.search = search_;
     return cascade.align(std::span(&pair, 1)).front();
   }
   double error(const RefinedAlignment& r) const { return test::pixel_error(relief_, features_, r.T_10); }
+  void invert() {
+    for (float& x : image1_.data) x = 1 - x;
+  }
+  /// Adds what only one image shows.
+  void add_texture(double share) {
+    Relief other = relief_;
+    other.seed = 7;
+    const Frame only = test::render(other, 1);
+    for (size_t i = 0; i < only.data.size(); ++i) image1_.data[i] += static_cast<float>(share) * only.data[i];
+  }
   void add_noise(double sigma) {
     std::mt19937 random(5);
     std::normal_distribution<float> noise(0, static_cast<float>(sigma));
@@ -74,13 +85,14 @@ class Correction : public testing::Test {
 
   Relief relief_;
   Status status_ = Status::converged;
+  bool search_ = false;  ///< lines confirm no pose that began at a first guess
   double least_share_ = RefinerOptions().min_inlier_share;
   Frame image0_, image1_;
   Features features_;
 };
 
 TEST_F(Correction, LinesCorrectAModelWhereContrastIsInverted) {
-  for (float& x : image1_.data) x = 1 - x;
+  invert();
   const RefinedAlignment alone = answer(1, false), corrected = answer(1);
   ASSERT_TRUE(alone.converged() && !alone.refined) << alone.reason;
   EXPECT_NEAR(error(alone), 1, 0.2);
@@ -90,6 +102,32 @@ TEST_F(Correction, LinesCorrectAModelWhereContrastIsInverted) {
   EXPECT_EQ(corrected.stages.back().name, "correction");
   EXPECT_EQ(corrected.stages.back().T_10.matrix(), corrected.T_10.matrix());
   EXPECT_EQ(corrected.model, "model");
+}
+
+TEST_F(Correction, LinesConfirmWhatGreyValuesCannot) {
+  search_ = true;
+  invert();
+  add_texture(0.25);
+  status_ = Status::degenerate;
+  const RefinedAlignment refused = answer(2, false), confirmed = answer(2);
+  EXPECT_FALSE(refused.converged());
+  ASSERT_TRUE(confirmed.converged() && confirmed.refined) << confirmed.reason;
+  EXPECT_LT(error(confirmed), 0.3) << confirmed.reason;
+  EXPECT_NE(confirmed.reason.find("; by lines"), std::string::npos) << confirmed.reason;
+  EXPECT_EQ(confirmed.attempts.back().model, "classical, lines");
+  ASSERT_EQ(confirmed.features.size(), features_.uv.size());
+  EXPECT_GT(count_aligned(confirmed.features), 60);
+  const Vector6d off = (confirmed.T_10.inverse() * relief_.T_10).log();
+  EXPECT_LT(off.dot(confirmed.covariance.ldlt().solve(off)), 12.6) << "95 % of a chi-square of 6";
+}
+
+TEST_F(Correction, LinesDoNotConfirmAFirstGuess) {
+  invert();
+  add_texture(0.25);
+  status_ = Status::degenerate;
+  const RefinedAlignment corrected = answer(2);
+  EXPECT_FALSE(corrected.converged());
+  EXPECT_LT(error(corrected), 0.3) << corrected.reason;
 }
 
 TEST_F(Correction, NoiseHidesLines) {
@@ -103,7 +141,7 @@ TEST_F(Correction, NoiseHidesLines) {
 }
 
 TEST_F(Correction, AClaimMovesLittleBecauseItsCovarianceStays) {
-  for (float& x : image1_.data) x = 1 - x;
+  invert();
   EXPECT_NEAR(error(answer(2)), 2, 0.3);
   status_ = Status::degenerate;
   const RefinedAlignment refused = answer(2);
@@ -112,7 +150,7 @@ TEST_F(Correction, AClaimMovesLittleBecauseItsCovarianceStays) {
 }
 
 TEST_F(Correction, FarPosesStay) {
-  for (float& x : image1_.data) x = 1 - x;
+  invert();
   status_ = Status::degenerate;
   const RefinedAlignment near = answer(3.2), far = answer(14);
   EXPECT_LT(error(near), 0.2) << near.reason;

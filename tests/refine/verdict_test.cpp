@@ -105,5 +105,28 @@ TEST(Verdict, AtHalfTheSizeAModelsPoseMayBeFurtherAndResidualsMayNot) {
   EXPECT_FALSE(internal::found_again(e, {})) << "two seasons: 1.4 px off";
 }
 
+TEST(Verdict, LinesConfirmOnlyWhatGreyValuesCannot) {
+  RefinedAlignment r;
+  r.status = Status::converged;
+  r.refined = true;
+  r.sigma = 0.5;
+  r.features.resize(200);
+  r.inliers = 57;
+  EXPECT_FALSE(internal::confirmed_by_lines(r)) << "tiles of a mirrored floor, at the border of the image";
+  r.inliers = 67;
+  EXPECT_TRUE(internal::confirmed_by_lines(r));
+  r.sigma = 0.23;
+  EXPECT_FALSE(internal::confirmed_by_lines(r)) << "equal light: an object that hides half of the scene";
+  r.sigma = 1.2;
+  EXPECT_FALSE(internal::confirmed_by_lines(r)) << "mirrored depths";
+  r.sigma = 0.36;
+  r.iclk.repeats = 0.89;
+  EXPECT_FALSE(internal::confirmed_by_lines(r)) << "windows of a house";
+  r.iclk.repeats = 0.5;
+  EXPECT_TRUE(internal::confirmed_by_lines(r));
+  r.status = Status::ambiguous;
+  EXPECT_FALSE(internal::confirmed_by_lines(r));
+}
+
 }  // namespace
 }  // namespace iclk

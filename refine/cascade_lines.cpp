@@ -1,0 +1,102 @@
+// The looks of a Cascade at lines.
+#include <string>
+#include <utility>
+
+#include <iclk/align/common/stopwatch.h>
+#include <iclk/align/search/line_patches.h>
+#include <iclk/refine/cascade.h>
+#include <iclk/refine/internal/line_aligner.h>
+#include <iclk/refine/internal/rounds.h>
+#include <iclk/refine/internal/verdict.h>
+
+namespace iclk {
+namespace {
+
+constexpr double kForMean = 3;   // px, median motion: farther poses are not averaged
+constexpr int kClearlyMore = 2;  // features on whose lines a pose agrees, for each one that confirms the answer in grey values
+constexpr double kAlike = 2.5;   // the factor of the covariance, because overlapping patches have similar errors
+
+}  // namespace
+
+std::optional<internal::LinePose> Cascade::pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const {
+  const Aligner& aligner = *running_[step].aligner;
+  const Camera& camera = aligner.camera(pair.reference);
+  if (!internal::match_layout(camera).enabled) return {};
+  const std::vector<internal::LineRound> rounds = internal::line_rounds(camera);
+  const auto near = [&](const SE3& start, std::span<const internal::LineRound> from) {
+    return internal::match_line_patches(keyframes_[static_cast<size_t>(pair.reference)].reference,
+                                        aligner.checks(pair.reference), pair, start, from, steps_[step].refiner->threads);
+  };
+  std::optional<internal::LinePose> best = near(answer.T_10, std::span(rounds).subspan(2));
+  if (pair.found && !answer.converged()) {
+    const auto from_start = near(pair.T_10, rounds);
+    if (from_start && (!best || from_start->share() > best->share())) best = from_start;
+  }
+  return best;
+}
+
+std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_t step, const SE3& T_10,
+                                                         const RefinedAlignment& answer) {
+  if (!pair.search || pair.prior) return {};
+  Aligner& aligner = *running_[step].aligner;
+  prepare(step, pair.reference);
+  const RefinerOptions options = internal::by_lines(*steps_[step].refiner);
+  Refiner refiner(aligner,
+                  internal::make_line_aligner(keyframes_[static_cast<size_t>(pair.reference)].reference,
+                                              aligner.checks(pair.reference), pair, options.threads),
+                  options);
+  Alignment known = answer.iclk;
+  known.T_10 = T_10;
+  known.status = Status::converged;
+  RefinedAlignment confirmed = refiner.refine(pair, std::move(known));
+  if (!internal::confirmed_by_lines(confirmed)) return {};
+  confirmed.covariance *= kAlike;
+  confirmed.reason += "; by lines";
+  confirmed.model = steps_[step].model;
+  confirmed.attempts = answer.attempts;
+  confirmed.attempts.push_back({confirmed.model + ", lines", confirmed.status, confirmed.reason});
+  return confirmed;
+}
+
+void Cascade::look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
+  if (answer.status == Status::ambiguous) return;
+  const internal::Stopwatch time;
+  const std::optional<internal::LinePose> by_lines = pose_by_lines(pair, by_contrast.step, answer);
+  std::optional<RefinedAlignment> confirmed;
+  if (by_lines) confirmed = refine_by_lines(pair, by_contrast.step, by_lines->T_10, answer);
+  times_.align += time.ms();
+  if (confirmed && confirmed->inliers >= (answer.refined ? kClearlyMore * answer.inliers : 0))
+    answer = std::move(*confirmed);
+  else
+    correct(pair, by_contrast, by_lines, answer);
+}
+
+void Cascade::correct(const Pair& pair, const Opinion& by_contrast, const std::optional<internal::LinePose>& by_lines,
+                      RefinedAlignment& answer) {
+  constexpr double kNearby = 3, kShareNearby = 0.25, kShare = 0.35;  // px; of the patches, which must agree
+  const internal::Stopwatch time;
+  const SE3 given = answer.T_10;
+  const auto moved = [&](const SE3& T_10) {
+    return internal::median_motion(internal::view_of(*running_[by_contrast.step].aligner, pair.reference), T_10, given);
+  };
+  const double by = by_lines ? moved(by_lines->T_10) : 0, apart = moved(by_contrast.T_10);
+  const auto counts = [&](const internal::LinePose& lines) {
+    if (answer.refined && (answer.blur || lines.agreeing < kClearlyMore * answer.inliers)) return false;
+    // A claim moves no farther than by a mean, because its covariance does not know of the correction.
+    if (answer.converged() && by > 0.5 * kForMean) return false;
+    return lines.share() >= (by <= kNearby ? kShareNearby : kShare);
+  };
+  if (by_lines && counts(*by_lines)) {
+    answer.T_10 = by_lines->T_10;
+    answer.reason += "; pose by lines, on which " + std::to_string(by_lines->agreeing) + " of " +
+                     std::to_string(by_lines->compared) + " patches agree";
+  } else if (!answer.refined && apart > 0 && apart <= kForMean) {
+    answer.T_10 = given * SE3::exp(0.5 * (given.inverse() * by_contrast.T_10).log());
+    answer.reason += "; mean with the pose by local contrast";
+  } else {
+    return;
+  }
+  internal::record_stage(answer, "correction", answer.T_10, answer.stages.back().cost, time.ms());
+}
+
+}  // namespace iclk
