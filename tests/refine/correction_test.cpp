@@ -121,6 +121,27 @@ TEST_F(Correction, LinesConfirmWhatGreyValuesCannot) {
   EXPECT_LT(off.dot(confirmed.covariance.ldlt().solve(off)), 12.6) << "95 % of a chi-square of 6";
 }
 
+TEST_F(Correction, LinesOfFewFeaturesOrOfASmallPartConfirmNothing) {
+  search_ = true;
+  invert();
+  add_texture(0.25);
+  status_ = Status::degenerate;
+  const Features all = features_;
+  features_ = test::random_features(relief_, 39);
+  EXPECT_FALSE(answer(2).converged()) << "39 features";
+  features_ = all;
+  ASSERT_TRUE(answer(2).converged());
+  Relief elsewhere = relief_;
+  elsewhere.seed = 9;
+  const Frame other = test::render(elsewhere, 1);
+  for (int v = 0; v < other.height; ++v)
+    for (int u = other.width * 2 / 5; u < other.width; ++u)
+      image1_.at(u, v) = other.data[static_cast<size_t>(v) * other.width + u];
+  const RefinedAlignment part = answer(0.5);
+  EXPECT_FALSE(part.converged()) << part.reason;
+  EXPECT_LT(error(part), 3) << "lines agree, but not enough: " << part.reason;
+}
+
 TEST_F(Correction, LinesDoNotConfirmAFirstGuess) {
   invert();
   add_texture(0.25);
