@@ -51,6 +51,8 @@ std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_
   RefinedAlignment confirmed = refiner.refine(pair, std::move(known));
   if (!internal::confirmed_by_lines(confirmed)) return {};
   confirmed.covariance *= kAlike;
+  for (AlignedFeature& f : confirmed.features)
+    if (f.status == FeatureStatus::aligned) f.covariance = confirmed.sigma * confirmed.sigma * Eigen::Matrix2d::Identity();
   confirmed.reason += "; by lines";
   confirmed.model = steps_[step].model;
   confirmed.attempts = answer.attempts;

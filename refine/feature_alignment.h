@@ -24,7 +24,7 @@ struct AlignedFeature {
   /// The final position in px of level 0 of image 1; finite for every status.
   Eigen::Vector2d uv1 = Eigen::Vector2d::Zero();
   /// The covariance of uv1, px^2; zero unless aligned. It includes photometric noise only: the variance of the residuals times
-  /// the inverse of the 2x2 Schur complement.
+  /// the inverse of the 2x2 Schur complement. Positions by lines (see Cascade) have the variance of the reprojection residuals.
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
   double gain = 1, bias = 0;  ///< I1 = gain I0 + bias in the patch; I1 in the grey values of RefinedAlignment::recolouring
   double correlation = 0;     ///< of the warped patch and the target, in [-1, 1]

@@ -1,5 +1,6 @@
 // A model's pose that no features, or few, confirm is corrected by lines, or by local contrast.
 #include <algorithm>
+#include <cmath>
 #include <random>
 
 #include <gtest/gtest.h>
@@ -117,6 +118,7 @@ TEST_F(Correction, LinesConfirmWhatGreyValuesCannot) {
   EXPECT_EQ(confirmed.attempts.back().model, "classical, lines");
   ASSERT_EQ(confirmed.features.size(), features_.uv.size());
   EXPECT_GT(count_aligned(confirmed.features), 60);
+  EXPECT_NEAR(confirmed.features.front().covariance(0, 0), std::pow(confirmed.sigma, 2), 1e-12);
   const Vector6d off = (confirmed.T_10.inverse() * relief_.T_10).log();
   EXPECT_LT(off.dot(confirmed.covariance.ldlt().solve(off)), 12.6) << "95 % of a chi-square of 6";
 }
