@@ -50,6 +50,7 @@ std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_
   known.status = Status::converged;
   RefinedAlignment confirmed = refiner.refine(pair, std::move(known));
   if (!internal::confirmed_by_lines(confirmed)) return {};
+  confirmed.by_lines = true;
   confirmed.covariance *= kAlike;
   for (AlignedFeature& f : confirmed.features)
     if (f.status == FeatureStatus::aligned) f.covariance = confirmed.sigma * confirmed.sigma * Eigen::Matrix2d::Identity();

@@ -91,6 +91,7 @@ struct RefinedAlignment {
   std::string reason;                ///< explains the status, with the numbers that decided it
   bool refined = false;              ///< true: pose and covariance are from the refinement; false: from ICLK (see Cascade)
   bool found_again = false;          ///< the features found the pose of a learned model again (docs/explain/verdict.md)
+  bool by_lines = false;             ///< from a Cascade: positions are those of patches of lines; grey values differ too much
   Recolouring recolouring;           ///< of the target in the rounds after the first
   /// The stages that ran, in order, one entry per name: the pose of the last round, the time of all rounds.
   std::vector<Stage> stages;

@@ -102,7 +102,8 @@ bool MapFit::judge(const Picture& picture, const Round& round, double finest, Fi
   Located& located = fit.located;
   const RefinedAlignment& answer = round.answer;
   const Terrain& seen = map_.terrain();
-  const bool same_light = answer.refined && answer.inliers >= options_.session.refiner.min_inlier_share * answer.visible;
+  const bool same_light =
+      answer.refined && !answer.by_lines && answer.inliers >= options_.session.refiner.min_inlier_share * answer.visible;
   const std::vector<double> rough = same_light ? std::vector<double>{} : roughness(round, located.T_WC);
   const double sigma = std::max(answer.sigma, answer.refined ? kLeastSigma : kInlier);
   const Matrix6d of_map =

@@ -112,7 +112,7 @@ TEST_F(Correction, LinesConfirmWhatGreyValuesCannot) {
   status_ = Status::degenerate;
   const RefinedAlignment refused = answer(2, false), confirmed = answer(2);
   EXPECT_FALSE(refused.converged());
-  ASSERT_TRUE(confirmed.converged() && confirmed.refined) << confirmed.reason;
+  ASSERT_TRUE(confirmed.converged() && confirmed.refined && confirmed.by_lines) << confirmed.reason;
   EXPECT_LT(error(confirmed), 0.3) << confirmed.reason;
   EXPECT_NE(confirmed.reason.find("; by lines"), std::string::npos) << confirmed.reason;
   EXPECT_EQ(confirmed.attempts.back().model, "classical, lines");
