@@ -142,6 +142,12 @@ void hide(Pyramid& pyramid, const ImageView& mask) {
   }
 }
 
+Map visible_map(const ImageView& image, const ImageView& mask) {
+  Pyramid pyramid = {grey_map(image)};
+  hide(pyramid, mask);
+  return std::move(pyramid[0]);
+}
+
 void hide(Pyramid& pyramid, const Pyramid& like) {
   for (size_t l = 0; l < pyramid.size(); ++l)
     for (size_t k = 0; k < pyramid[l].data.size(); ++k)

@@ -51,6 +51,8 @@ Map half_size(const Map& map);
 inline constexpr float kHidden = ICLK_HIDDEN, kHiddenFrom = ICLK_HIDDEN_FROM;
 /// Hides the pixels of a pyramid that cover a 0 of the mask (Pair::target_mask, of the size of level 0).
 void hide(Pyramid& pyramid, const ImageView& mask);
+/// grey_map(), with these pixels hidden.
+Map visible_map(const ImageView& image, const ImageView& mask);
 /// Hides the pixels that are hidden in another pyramid of the same sizes.
 void hide(Pyramid& pyramid, const Pyramid& like);
 

@@ -13,7 +13,7 @@ namespace iclk {
 namespace {
 
 constexpr double kForMean = 3;   // px, median motion: farther poses are not averaged
-constexpr int kClearlyMore = 2;  // features on whose lines a pose agrees, for each one that confirms the answer in grey values
+constexpr int kClearlyMore = 2;  // times as many features as confirm a pose in grey values, to replace or correct it
 constexpr double kAlike = 2.5;   // the factor of the covariance, because overlapping patches have similar errors
 
 }  // namespace

@@ -244,9 +244,8 @@ std::vector<Correspondence> moved(const Sought& sought, const Similarity& motion
 
 /// The motion of the whole image, in pixels of maps at this scale.
 std::optional<Similarity> motion_of(const Reference& reference, const Pair& pair, int scale, int threads) {
-  Pyramid target = {grey_map(pair.target)};
-  hide(target, pair.target_mask);
-  return match_lines(lines_of(grey_map(reference.image), scale), lines_of(target[0], scale), threads);
+  const Map target = visible_map(pair.target, pair.target_mask);
+  return match_lines(lines_of(grey_map(reference.image), scale), lines_of(target, scale), threads);
 }
 
 /// The pose near another one on which patches of lines agree, as fine as they allow.
@@ -267,12 +266,10 @@ std::optional<SE3> start_by_gradients(const Reference& reference, std::span<cons
   const Camera& camera = reference.camera;
   const MatchLayout layout = match_layout(camera);
   if (!layout.enabled) return {};
-  Pyramid target = {grey_map(pair.target)};
-  hide(target, pair.target_mask);
   const double mean_q = mean_inverse_depth(reference, checks, false);
   if (!(mean_q > 0)) return {};
   const Gradients of_reference(grey_map(reference.image), layout.scale, threads),
-      of_target(std::move(target[0]), layout.scale, threads);
+      of_target(visible_map(pair.target, pair.target_mask), layout.scale, threads);
   const Sought sought = sought_features(of_reference, reference, checks, mean_q, layout);
   struct Start {
     SE3 T_10;

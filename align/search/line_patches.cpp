@@ -17,44 +17,31 @@ using Eigen::Index;
 using Eigen::MatrixXf;
 using Eigen::Vector2d;
 
-constexpr Index kHalf = 12;  // pixels of the map to either side of a patch's centre
+constexpr Index kHalf = 12;   // pixels of the map to either side of a patch's centre
+constexpr Index kBorder = 8;  // pixels of the map around the target, the largest reach
 constexpr int kHypotheses = 512;
 
-constexpr Index kBorder = 8;  // pixels of the map around the target, the largest reach
-
-/// How a pose maps the surroundings of a feature, if it stays in front of the camera.
+/// How a pose maps the surroundings of a feature.
 struct Warp {
   Vector2d place;
   Eigen::Matrix2d A;  ///< derivative
 };
 
-class Warper {
- public:
-  Warper(const Camera& camera, double mean_inverse_depth, int scale, const SE3& T)
-      : camera_(camera), R_(T.R), t_(T.t * mean_inverse_depth), scale_(scale) {}
-  std::optional<Warp> operator()(const Vector2d& centre, const Eigen::Vector3d& point) const {
-    const double depth = point.z() / ray(centre).z();
-    const auto place = [&](const Vector2d& at) -> Vector2d {
-      const Eigen::Vector3d X = R_ * (ray(at) * depth) + t_;
-      if (!(X.z() > 0)) return Vector2d::Constant(NAN);
-      return (camera_.project(X).array() + 0.5) / scale_ - 0.5;
-    };
-    Warp warp{place(centre), {}};
-    for (int axis = 0; axis < 2; ++axis) {
-      const Vector2d step = kHalf * Vector2d::Unit(axis);
-      warp.A.col(axis) = (place(centre + step) - place(centre - step)) / (2 * kHalf);
-    }
-    if (!warp.place.allFinite() || !(warp.A.determinant() > 0.1)) return {};
-    return warp;
+/// Nothing if they are behind the camera, or seen from the side.
+std::optional<Warp> warp_of(const Camera& camera, const Vector2d& centre, double inverse_depth, int scale, const SE3& T_10) {
+  const auto place = [&](const Vector2d& at) -> Vector2d {
+    const Eigen::Vector3d X = T_10.R * camera.ray((at.array() + 0.5) * scale - 0.5) + T_10.t * inverse_depth;
+    if (!(X.z() > 0)) return Vector2d::Constant(NAN);
+    return (camera.project(X).array() + 0.5) / scale - 0.5;
+  };
+  Warp warp{place(centre), {}};
+  for (int axis = 0; axis < 2; ++axis) {
+    const Vector2d step = kHalf * Vector2d::Unit(axis);
+    warp.A.col(axis) = (place(centre + step) - place(centre - step)) / (2 * kHalf);
   }
-
- private:
-  Eigen::Vector3d ray(const Vector2d& at) const { return camera_.ray((at.array() + 0.5) * scale_ - 0.5); }
-  const Camera& camera_;
-  Eigen::Matrix3d R_;
-  Eigen::Vector3d t_;
-  double scale_;
-};
+  if (!warp.place.allFinite() || !(warp.A.determinant() > 0.1)) return {};
+  return warp;
+}
 
 }  // namespace
 
@@ -69,8 +56,7 @@ LinePatches::LinePatches(const Map& reference, const Map& target, int scale)
 std::optional<LinePatches::Compared> LinePatches::find(const Camera& camera, const Vector2d& uv, double inverse_depth,
                                                        const SE3& T_10, int reach) const {
   const Vector2d centre = (uv.array() + 0.5) / scale_ - 0.5;
-  const Eigen::Vector3d point = camera.ray(uv);
-  const std::optional<Warp> found = Warper(camera, inverse_depth, scale_, T_10)(centre, point);
+  const std::optional<Warp> found = warp_of(camera, centre, inverse_depth, scale_, T_10);
   if (!found) return {};
   const Warp& warp = *found;
   const Index width = real_.cols() - 2 * kBorder, height = real_.rows() - 2 * kBorder;
@@ -103,7 +89,7 @@ std::optional<LinePatches::Compared> LinePatches::find(const Camera& camera, con
   if (x == 0 || y == 0 || x + 1 == scores.cols() || y + 1 == scores.rows()) return Compared{};
   const Vector2d place(static_cast<double>(u + x - reach) + peak(scores(y, x - 1), best, scores(y, x + 1)),
                        static_cast<double>(v + y - reach) + peak(scores(y - 1, x), best, scores(y + 1, x)));
-  return Compared{Correspondence{point, (place.array() + 0.5) * scale_ - 0.5, best}};
+  return Compared{Correspondence{camera.ray(uv), (place.array() + 0.5) * scale_ - 0.5, best}};
 }
 
 std::vector<LineRound> line_rounds(const Camera& camera) {
@@ -118,13 +104,12 @@ std::optional<LinePose> match_line_patches(const Reference& reference, std::span
   const double mean_q = mean_inverse_depth(reference, checks, false);
   if (!layout.enabled || !(mean_q > 0)) return {};
   const Map grey = grey_map(reference.image);
-  Pyramid target = {grey_map(pair.target)};
-  hide(target, pair.target_mask);
+  const Map target = visible_map(pair.target, pair.target_mask);
   LinePose pose{start};
   layout.scale = 0;
   std::optional<LinePatches> patches;
   for (const LineRound& round : rounds) {
-    if (layout.scale != round.scale) patches.emplace(grey, target[0], round.scale);
+    if (layout.scale != round.scale) patches.emplace(grey, target, round.scale);
     layout.scale = round.scale;
     const size_t count = static_cast<size_t>(std::min(reference.features.size(), layout.features));
     std::vector<std::optional<LinePatches::Compared>> found(count);

@@ -21,8 +21,8 @@ class LinePatches {
   /// `scale`: image pixels per pixel of the maps. `target`: its hidden pixels have no lines (hide()).
   LinePatches(const Map& reference, const Map& target, int scale);
 
-  /// The place in the target of the patch around a feature, warped by a pose, within `reach` pixels of the maps. Nothing if the
-  /// patch is not inside the target, or has no lines.
+  /// The place in the target of the patch around a feature, warped by a pose, within `reach` (at most 8) pixels of the maps.
+  /// Nothing if the patch is not inside the target, or has no lines. `match` has the point on the feature's ray at depth 1.
   std::optional<Compared> find(const Camera& camera, const Eigen::Vector2d& uv, double inverse_depth, const SE3& T_10,
                                int reach) const;
 

@@ -6,16 +6,13 @@
 namespace iclk::internal {
 namespace {
 
-Map shown(const Pair& pair) {
-  Pyramid target = {grey_map(pair.target)};
-  hide(target, pair.target_mask);
-  return std::move(target[0]);
-}
-
 class LineAligner final : public FeatureAligner {
  public:
   LineAligner(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair, int threads)
-      : reference_(reference), checks_(checks), threads_(threads), patches_(grey_map(reference.image), shown(pair), 1) {}
+      : reference_(reference),
+        checks_(checks),
+        threads_(threads),
+        patches_(grey_map(reference.image), visible_map(pair.target, pair.target_mask), 1) {}
 
   std::vector<AlignedFeatures> align(std::span<const FeatureAlignmentTask> tasks) override {
     std::vector<AlignedFeatures> results;

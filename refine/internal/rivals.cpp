@@ -165,9 +165,7 @@ Elsewhere look_elsewhere(const Map& reference, const Pair& pair, const Camera& c
   Elsewhere out;
   const MatchLayout layout = match_layout(camera);
   if (!layout.enabled || reference.data.empty()) return out;
-  Pyramid target = {grey_map(pair.target)};
-  hide(target, pair.target_mask);
-  const Map map0 = match_map(reference, layout), map1 = match_map(target[0], layout);
+  const Map map0 = match_map(reference, layout), map1 = match_map(visible_map(pair.target, pair.target_mask), layout);
   const PlaceDescriptors places = describe_places(map1, layout);
   const double mean_q = unit_of(features);
   const std::vector<Sought> sought = seek(map0, camera, features, checks, T_10, layout);

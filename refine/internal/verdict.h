@@ -38,10 +38,11 @@ Verdict judge(const Evidence& evidence, std::span<const AlignedFeature> features
 /// pose is evidence enough.
 void judge_second_look(RefinedAlignment& answer);
 
-/// The options of a refinement by lines: none of the answers of models, and no bend of the target, which larger residuals hide.
+/// The options of a refinement by lines. It keeps no unconfirmed pose, and finds no bend of the target, because its residuals
+/// are too large. Answers and rivals need 40 features and half of the visible ones.
 RefinerOptions by_lines(RefinerOptions options);
-/// Whether an answer from by_lines() may be claimed. Lines confirm only what grey values cannot: where positions are as precise
-/// as in equal light, grey values decide. Nor do they where the texture repeats.
+/// Whether an answer from by_lines() may be claimed. Grey values decide where positions are as precise as in equal light. Lines
+/// confirm nothing where the texture repeats.
 bool confirmed_by_lines(const RefinedAlignment& answer);
 
 /// For example "38 of 50 features within 1.5 px".
