@@ -179,6 +179,9 @@ void Cascade::look_past_overlay(const Pair& pair, RefinedAlignment& result) {
   q = whole;
   keyframe.version = ++versions_;
   if (!other.converged() || other.inliers <= fixed) return;
+  const Running& first = running_.front();  // it has the other features only
+  const double apart = internal::median_motion(internal::view_of(*first.aligner, pair.reference), other.T_10, result.T_10);
+  if (!(apart > steps_.front().refiner->pose.inlier_distance)) return;  // more of the overlay, or the scene does not move
   other.fixed = std::move(result.fixed);
   for (size_t i = 0; i < whole.size(); ++i)
     if (other.fixed[i]) other.inverse_depth[i] = whole[i];

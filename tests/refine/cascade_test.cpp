@@ -6,6 +6,7 @@
 #include <iclk/refine/internal/verdict.h>
 
 #include "../support/relief.h"
+#include "rival_scenes.h"
 
 namespace iclk {
 namespace {
@@ -198,6 +199,31 @@ TEST_F(Cascaded, WhatCannotBeMadeIsAnError) {
   EXPECT_TRUE(later.align(near)[0].converged());
   EXPECT_THROW(later.align(far), Error);
   EXPECT_TRUE(later.align(near)[0].converged()) << "and nothing is broken by it";
+}
+
+TEST(Overlay, ItsOtherFeaturesAreNoOtherPose) {
+  using namespace test::rivals;
+  const Waves scene(0, 6), vehicle(0, 7);
+  const auto wall = [&](double x, double y) { return 0.5 + 0.05 * scene(x, y); };
+  const auto shown = [&](double shift) {
+    return render([&, shift](double x, double y) { return 0.5 + 0.05 * vehicle(x - shift, y); }, SE3(), 3);
+  };
+  const Frame fixed = shown(0);
+  Frame image0 = render(wall, SE3(), 1), image1 = render(wall, sideways(0.25, 0.1), 2), shaken = shown(0.004);  // 0.26 px
+  for (int v = 0; v < shaken.height; ++v)
+    for (int u = 0; u < 120; ++u) shaken.at(u, v) = fixed.data[static_cast<size_t>(v * shaken.width + u)];
+  overlay(image0, fixed, 60, 240);
+  overlay(image1, shaken, 60, 240);
+  const auto make = [] {
+    Plan plan{kCamera.width, kCamera.height};
+    plan.max_features = 300;
+    plan.format = PixelFormat::r32f;
+    return make_cpu_aligner(plan, options_of(true));
+  };
+  Cascade cascade({{"searching", make, RefinerOptions()}});
+  const CascadePair pair{{image0.view(), kCamera, lattice(kDistance), {}}, image1.view(), {}};
+  const RefinedAlignment r = cascade.align({&pair, 1}).front();
+  EXPECT_EQ(r.status, Status::ambiguous) << r.reason;
 }
 
 TEST(SecondLook, FindsAnyRoll) {
