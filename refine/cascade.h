@@ -11,6 +11,7 @@
 
 namespace iclk {
 namespace internal {
+class PairLines;
 struct LinePose;
 struct PairBlur;
 }  // namespace internal
@@ -120,9 +121,10 @@ class Cascade {
   std::optional<RefinedAlignment> align_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,
                                               const RefinedAlignment& given);
   /// The pose on which patches of lines agree, near the answer or the pair's start.
-  std::optional<internal::LinePose> pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const;
+  std::optional<internal::LinePose> pose_by_lines(const Pair& pair, size_t step, internal::PairLines& lines,
+                                                  const RefinedAlignment& answer) const;
   /// The answer at that pose, if the positions of patches of lines confirm it.
-  std::optional<RefinedAlignment> refine_by_lines(const Pair& pair, size_t step, const SE3& T_10,
+  std::optional<RefinedAlignment> refine_by_lines(const Pair& pair, size_t step, internal::PairLines& lines, const SE3& T_10,
                                                   const RefinedAlignment& answer);
   /// Replaces an answer by one that lines confirm. If there is none, it corrects a pose that no features confirm.
   void look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer);

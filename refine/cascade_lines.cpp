@@ -18,14 +18,13 @@ constexpr double kAlike = 2.5;   // the factor of the covariance, because overla
 
 }  // namespace
 
-std::optional<internal::LinePose> Cascade::pose_by_lines(const Pair& pair, size_t step, const RefinedAlignment& answer) const {
+std::optional<internal::LinePose> Cascade::pose_by_lines(const Pair& pair, size_t step, internal::PairLines& lines,
+                                                         const RefinedAlignment& answer) const {
   const Aligner& aligner = *running_[step].aligner;
-  const Camera& camera = aligner.camera(pair.reference);
-  if (!internal::match_layout(camera).enabled) return {};
-  const std::vector<internal::LineRound> rounds = internal::line_rounds(camera);
+  const std::vector<internal::LineRound> rounds = internal::line_rounds(aligner.camera(pair.reference));
   const auto near = [&](const SE3& start, std::span<const internal::LineRound> from) {
     return internal::match_line_patches(keyframes_[static_cast<size_t>(pair.reference)].reference,
-                                        aligner.checks(pair.reference), pair, start, from, steps_[step].refiner->threads);
+                                        aligner.checks(pair.reference), lines, start, from, steps_[step].refiner->threads);
   };
   std::optional<internal::LinePose> best = near(answer.T_10, std::span(rounds).subspan(2));
   if (pair.found && !answer.converged()) {
@@ -35,15 +34,15 @@ std::optional<internal::LinePose> Cascade::pose_by_lines(const Pair& pair, size_
   return best;
 }
 
-std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_t step, const SE3& T_10,
-                                                         const RefinedAlignment& answer) {
+std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_t step, internal::PairLines& lines,
+                                                         const SE3& T_10, const RefinedAlignment& answer) {
   if (!pair.search || pair.prior) return {};
   Aligner& aligner = *running_[step].aligner;
   prepare(step, pair.reference);
   const RefinerOptions options = internal::by_lines(*steps_[step].refiner);
   Refiner refiner(aligner,
                   internal::make_line_aligner(keyframes_[static_cast<size_t>(pair.reference)].reference,
-                                              aligner.checks(pair.reference), pair, options.threads),
+                                              aligner.checks(pair.reference), lines.at(1), options.threads),
                   options);
   Alignment known = answer.iclk;
   known.T_10 = T_10;
@@ -64,9 +63,13 @@ std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_
 void Cascade::look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
   if (answer.status == Status::ambiguous) return;
   const internal::Stopwatch time;
-  const std::optional<internal::LinePose> by_lines = pose_by_lines(pair, by_contrast.step, answer);
+  std::optional<internal::LinePose> by_lines;
   std::optional<RefinedAlignment> confirmed;
-  if (by_lines) confirmed = refine_by_lines(pair, by_contrast.step, by_lines->T_10, answer);
+  if (internal::match_layout(running_[by_contrast.step].aligner->camera(pair.reference)).enabled) {
+    internal::PairLines lines(keyframes_[static_cast<size_t>(pair.reference)].reference, pair);
+    by_lines = pose_by_lines(pair, by_contrast.step, lines, answer);
+    if (by_lines) confirmed = refine_by_lines(pair, by_contrast.step, lines, by_lines->T_10, answer);
+  }
   times_.align += time.ms();
   if (confirmed && confirmed->inliers >= (answer.refined ? kClearlyMore * answer.inliers : 0))
     answer = std::move(*confirmed);

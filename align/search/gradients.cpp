@@ -251,11 +251,12 @@ std::optional<Similarity> motion_of(const Reference& reference, const Pair& pair
 /// The pose near another one on which patches of lines agree, as fine as they allow.
 std::optional<SE3> near_by_lines(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
                                  const SE3& near, int threads) {
+  PairLines lines(reference, pair);
   const std::vector<LineRound> rounds = line_rounds(reference.camera);
   const std::span<const LineRound> coarse = std::span(rounds).first(2), fine = std::span(rounds).subspan(2);
-  const auto found = match_line_patches(reference, checks, pair, near, coarse, threads);
+  const auto found = match_line_patches(reference, checks, lines, near, coarse, threads);
   if (!found) return {};
-  const auto finer = match_line_patches(reference, checks, pair, found->T_10, fine, threads);
+  const auto finer = match_line_patches(reference, checks, lines, found->T_10, fine, threads);
   return finer ? finer->T_10 : found->T_10;
 }
 

@@ -92,24 +92,25 @@ std::optional<LinePatches::Compared> LinePatches::find(const Camera& camera, con
   return Compared{Correspondence{camera.ray(uv), (place.array() + 0.5) * scale_ - 0.5, best}};
 }
 
+PairLines::PairLines(const Reference& reference, const Pair& pair)
+    : reference_(grey_map(reference.image)), target_(visible_map(pair.target, pair.target_mask)) {}
+
+const LinePatches& PairLines::at(int scale) { return patches_.try_emplace(scale, reference_, target_, scale).first->second; }
+
 std::vector<LineRound> line_rounds(const Camera& camera) {
   const int scale = match_layout(camera).scale;
   return {{scale, 8, 0.125}, {scale, 4}, {std::max(1, scale / 2)}, {1}};
 }
 
-std::optional<LinePose> match_line_patches(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
+std::optional<LinePose> match_line_patches(const Reference& reference, std::span<const FeatureCheck> checks, PairLines& lines,
                                            const SE3& start, std::span<const LineRound> rounds, int threads) {
   const Camera& camera = reference.camera;
   MatchLayout layout = match_layout(camera);
   const double mean_q = mean_inverse_depth(reference, checks, false);
   if (!layout.enabled || !(mean_q > 0)) return {};
-  const Map grey = grey_map(reference.image);
-  const Map target = visible_map(pair.target, pair.target_mask);
   LinePose pose{start};
-  layout.scale = 0;
-  std::optional<LinePatches> patches;
   for (const LineRound& round : rounds) {
-    if (layout.scale != round.scale) patches.emplace(grey, target, round.scale);
+    const LinePatches& patches = lines.at(round.scale);
     layout.scale = round.scale;
     const size_t count = static_cast<size_t>(std::min(reference.features.size(), layout.features));
     std::vector<std::optional<LinePatches::Compared>> found(count);
@@ -117,7 +118,7 @@ std::optional<LinePose> match_line_patches(const Reference& reference, std::span
       const auto i = static_cast<size_t>(matched_feature(static_cast<int>(match), reference.features.size()));
       if (checks[i] != FeatureCheck::ok) return;
       const double q = reference.features.inverse_depth[i];
-      found[match] = patches->find(camera, reference.features.uv[i], q, pose.T_10, round.reach);
+      found[match] = patches.find(camera, reference.features.uv[i], q, pose.T_10, round.reach);
       if (found[match] && found[match]->match) found[match]->match->point *= mean_q / q;
     });
     std::vector<Correspondence> all;

@@ -1,4 +1,5 @@
 #pragma once
+#include <map>
 #include <optional>
 #include <span>
 #include <vector>
@@ -32,6 +33,17 @@ class LinePatches {
   int scale_;
 };
 
+/// The patches of lines of a pair, made once a scale. Precondition: the images of the reference and the pair have one size.
+class PairLines {
+ public:
+  PairLines(const Reference& reference, const Pair& pair);
+  const LinePatches& at(int scale);
+
+ private:
+  Map reference_, target_;
+  std::map<int, LinePatches> patches_;
+};
+
 /// A round of match_line_patches().
 struct LineRound {
   int scale = 1;        ///< image pixels per pixel of the maps
@@ -51,10 +63,9 @@ struct LinePose {
 std::vector<LineRound> line_rounds(const Camera& camera);
 
 /// A pose near `start`. Each feature's patch of lines is warped by the pose and compared with the places around the expected
-/// one, round by round. Patches have 25x25 pixels of the maps. Nothing if too few agree in any round. It does not use the
-/// pair's first guess. Precondition: the images of the reference and the pair have the size of the
-/// reference's camera.
-std::optional<LinePose> match_line_patches(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair,
+/// one, round by round. Patches have 25x25 pixels of the maps. Nothing if too few agree in any round. Precondition: `lines` are
+/// of a pair of this reference, whose images have the size of its camera.
+std::optional<LinePose> match_line_patches(const Reference& reference, std::span<const FeatureCheck> checks, PairLines& lines,
                                            const SE3& start, std::span<const LineRound> rounds, int threads);
 
 }  // namespace iclk::internal

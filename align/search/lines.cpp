@@ -142,7 +142,7 @@ Lines lines_of(const Map& grey, int scale) {
   for (int v = 1; v < static_cast<int>(out.rows()) * scale && v < grey.height - 1; ++v)
     for (int u = 1; u < static_cast<int>(out.cols()) * scale && u < grey.width - 1; ++u) {
       const std::complex<float> gradient(grey.at(u + 1, v) - grey.at(u - 1, v), grey.at(u, v + 1) - grey.at(u, v - 1));
-      const float length = std::abs(gradient);
+      const float length = std::sqrt(std::norm(gradient));
       if (length > 0 && length < kHiddenFrom) out(v / scale, u / scale) += gradient * gradient / (length * std::sqrt(length));
     }
   return out / static_cast<float>(scale * scale);
@@ -151,8 +151,8 @@ Lines lines_of(const Map& grey, int scale) {
 Lines distinct(const Lines& lines, Index around) {
   const Lines rest = lines - means(lines, around);
   const Eigen::MatrixXf power = means<Eigen::MatrixXf>(rest.cwiseAbs2(), around);
-  const Lines out = (rest.array() / (power.array().sqrt() + kLeast)).matrix();
-  return (out.array() / out.array().abs().max(1.0f)).matrix();
+  const Eigen::ArrayXXf strength = rest.cwiseAbs2().array().sqrt();
+  return (rest.array() * strength.max(power.array().sqrt() + kLeast).inverse()).matrix();
 }
 
 std::complex<float> sample(const Lines& lines, const Vector2d& at) {

@@ -1,18 +1,14 @@
 #include <iclk/refine/internal/line_aligner.h>
 
 #include <iclk/align/common/each.h>
-#include <iclk/align/search/line_patches.h>
 
 namespace iclk::internal {
 namespace {
 
 class LineAligner final : public FeatureAligner {
  public:
-  LineAligner(const Reference& reference, std::span<const FeatureCheck> checks, const Pair& pair, int threads)
-      : reference_(reference),
-        checks_(checks),
-        threads_(threads),
-        patches_(grey_map(reference.image), visible_map(pair.target, pair.target_mask), 1) {}
+  LineAligner(const Reference& reference, std::span<const FeatureCheck> checks, const LinePatches& patches, int threads)
+      : reference_(reference), checks_(checks), patches_(patches), threads_(threads) {}
 
   std::vector<AlignedFeatures> align(std::span<const FeatureAlignmentTask> tasks) override {
     std::vector<AlignedFeatures> results;
@@ -38,15 +34,15 @@ class LineAligner final : public FeatureAligner {
 
   const Reference& reference_;
   std::span<const FeatureCheck> checks_;
+  const LinePatches& patches_;
   int threads_;
-  LinePatches patches_;
 };
 
 }  // namespace
 
 std::unique_ptr<FeatureAligner> make_line_aligner(const Reference& reference, std::span<const FeatureCheck> checks,
-                                                  const Pair& pair, int threads) {
-  return std::make_unique<LineAligner>(reference, checks, pair, threads);
+                                                  const LinePatches& patches, int threads) {
+  return std::make_unique<LineAligner>(reference, checks, patches, threads);
 }
 
 }  // namespace iclk::internal

@@ -131,17 +131,18 @@ TEST(LinePatches, FindThePoseNearAnother) {
   SE3 near = s.truth;
   near.t.x() += 0.12;
   ASSERT_NEAR(s.error(near), 7.8, 0.1);
+  internal::PairLines lines(s.reference, pair);
   const internal::LineRound rounds[] = {{2, 8}, {1, 4}};
-  const auto found = internal::match_line_patches(s.reference, s.checks, pair, near, rounds, 1);
+  const auto found = internal::match_line_patches(s.reference, s.checks, lines, near, rounds, 1);
   ASSERT_TRUE(found);
   EXPECT_LT(s.error(found->T_10), 0.5);
   EXPECT_GT(found->share(), 0.5);
-  const auto threads = internal::match_line_patches(s.reference, s.checks, pair, near, rounds, 3);
+  const auto threads = internal::match_line_patches(s.reference, s.checks, lines, near, rounds, 3);
   EXPECT_EQ(threads->T_10.matrix(), found->T_10.matrix());
   const internal::LineRound strict[] = {{2, 8}, {1, 4, found->share() + 0.1}};
-  EXPECT_FALSE(internal::match_line_patches(s.reference, s.checks, pair, near, strict, 1)) << "too few agree";
+  EXPECT_FALSE(internal::match_line_patches(s.reference, s.checks, lines, near, strict, 1)) << "too few agree";
   const internal::LineRound narrow[] = {{1, 4}};
-  EXPECT_FALSE(internal::match_line_patches(s.reference, s.checks, pair, near, narrow, 1)) << "it is farther away";
+  EXPECT_FALSE(internal::match_line_patches(s.reference, s.checks, lines, near, narrow, 1)) << "it is farther away";
 }
 
 TEST(LinePatches, FindNothingWhereNothingIs) {
@@ -149,7 +150,8 @@ TEST(LinePatches, FindNothingWhereNothingIs) {
   const Frame other = fields(9, 1), nan{320, 240, std::vector<float>(320 * 240, NAN)};
   const internal::LineRound rounds[] = {{2, 8}, {1, 4}};
   const auto match = [&](const Pair& pair, std::span<const FeatureCheck> checks, const SE3& start) {
-    return internal::match_line_patches(s.reference, checks, pair, start, rounds, 1).has_value();
+    internal::PairLines lines(s.reference, pair);
+    return internal::match_line_patches(s.reference, checks, lines, start, rounds, 1).has_value();
   };
   EXPECT_TRUE(match({0, s.image1.view()}, s.checks, s.truth));
   EXPECT_FALSE(match({0, other.view()}, s.checks, s.truth));
