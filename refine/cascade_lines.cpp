@@ -7,14 +7,26 @@
 #include <iclk/refine/cascade.h>
 #include <iclk/refine/internal/line_aligner.h>
 #include <iclk/refine/internal/rounds.h>
+#include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/internal/verdict.h>
 
 namespace iclk {
 namespace {
 
-constexpr double kForMean = 3;   // px, median motion: farther poses are not averaged
-constexpr int kClearlyMore = 2;  // times as many features as confirm a pose in grey values, to replace or correct it
-constexpr double kAlike = 2.5;   // the factor of the covariance, because overlapping patches have similar errors
+constexpr double kForMean = 3;      // px, median motion: farther poses are not averaged
+constexpr double kMore = 1.5;       // times as many features as confirm a pose in grey values, to replace or doubt it
+constexpr double kClearlyMore = 2;  // the same to correct it, if they do not confirm the new one
+constexpr double kContradicts = 1;  // px: a claim moves no farther, because its covariance does not know of the correction
+constexpr double kAlike = 3;        // the factor of the covariance, because overlapping patches have similar errors
+constexpr double kShift = 0.3;      // px: the sigma of a shift of all lines, such as by shadows
+
+/// Takes back a claim.
+void refuse(RefinedAlignment& answer) {
+  answer.status = Status::diverged;
+  answer.refined = false;
+  answer.covariance.setZero();
+  answer.reason = "lines contradict the pose: " + answer.reason;
+}
 
 }  // namespace
 
@@ -51,6 +63,8 @@ std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_
   if (!internal::confirmed_by_lines(confirmed)) return {};
   confirmed.by_lines = true;
   confirmed.covariance *= kAlike;
+  confirmed.covariance += internal::shift_covariance(aligner.camera(pair.reference), aligner.features(pair.reference),
+                                                     aligner.checks(pair.reference), confirmed.T_10, kShift);
   for (AlignedFeature& f : confirmed.features)
     if (f.status == FeatureStatus::aligned) f.covariance = confirmed.sigma * confirmed.sigma * Eigen::Matrix2d::Identity();
   confirmed.reason += "; by lines";
@@ -71,7 +85,7 @@ void Cascade::look_at_lines(const Pair& pair, const Opinion& by_contrast, Refine
     if (by_lines) confirmed = refine_by_lines(pair, by_contrast.step, lines, by_lines->T_10, answer);
   }
   times_.align += time.ms();
-  if (confirmed && confirmed->inliers >= (answer.refined ? kClearlyMore * answer.inliers : 0))
+  if (confirmed && confirmed->inliers >= (answer.refined ? kMore * answer.inliers : 0))
     answer = std::move(*confirmed);
   else
     correct(pair, by_contrast, by_lines, answer);
@@ -86,16 +100,17 @@ void Cascade::correct(const Pair& pair, const Opinion& by_contrast, const std::o
     return internal::median_motion(internal::view_of(*running_[by_contrast.step].aligner, pair.reference), T_10, given);
   };
   const double by = by_lines ? moved(by_lines->T_10) : 0, apart = moved(by_contrast.T_10);
-  const auto counts = [&](const internal::LinePose& lines) {
-    if (answer.refined && (answer.blur || lines.agreeing < kClearlyMore * answer.inliers)) return false;
-    // A claim moves no farther than by a mean, because its covariance does not know of the correction.
-    if (answer.converged() && by > 0.5 * kForMean) return false;
-    return lines.share() >= (by <= kNearby ? kShareNearby : kShare);
+  const auto outvoted = [&](double times) {
+    return !answer.refined || (!answer.blur && by_lines->agreeing >= times * answer.inliers);
   };
-  if (by_lines && counts(*by_lines)) {
-    answer.T_10 = by_lines->T_10;
-    answer.reason += "; pose by lines, on which " + std::to_string(by_lines->agreeing) + " of " +
-                     std::to_string(by_lines->compared) + " patches agree";
+  const bool contradicts = answer.converged() && by > kContradicts;
+  if (by_lines && outvoted(contradicts ? kMore : kClearlyMore) &&
+      by_lines->share() >= (by <= kNearby ? kShareNearby : kShare)) {
+    const bool corrects = outvoted(kClearlyMore);
+    if (contradicts) refuse(answer);
+    if (corrects) answer.T_10 = by_lines->T_10;
+    answer.reason += std::string("; ") + (corrects ? "" : "another ") + "pose by lines, on which " +
+                     std::to_string(by_lines->agreeing) + " of " + std::to_string(by_lines->compared) + " patches agree";
   } else if (!answer.refined && apart > 0 && apart <= kForMean) {
     answer.T_10 = given * SE3::exp(0.5 * (given.inverse() * by_contrast.T_10).log());
     answer.reason += "; mean with the pose by local contrast";

@@ -18,6 +18,17 @@ namespace {
 
 constexpr double kFreedom = 3;  // degrees of freedom of Student's t
 
+/// The inverse of an information matrix; zero if it does not determine the pose.
+Matrix6d inverse_of(const Matrix6d& H) {
+  const Vector6d diagonal = H.diagonal();
+  if (!(diagonal.minCoeff() > 0)) return Matrix6d::Zero();
+  const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();  // for metres and radians
+  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(unit.asDiagonal() * H * unit.asDiagonal());
+  if (!(eigen.eigenvalues()(0) > ICLK_LEAST_EIGENVALUE)) return Matrix6d::Zero();
+  return unit.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
+         eigen.eigenvectors().transpose() * unit.asDiagonal();
+}
+
 /// q du1 / dq, px: the motion per relative error of the inverse depth.
 Eigen::Vector2d along_epipolar(const Camera& camera, const Observation& o, const SE3& T_10) {
   const Eigen::Vector3d p = T_10.R * camera.ray(o.uv0) + o.q * T_10.t;
@@ -188,14 +199,24 @@ Matrix6d depth_covariance(const Camera& camera, const Features& features, std::s
     common += ICLK_COMMON_DEPTH * s;
     ++seen;
   }
-  const Vector6d diagonal = H.diagonal();
-  if (!(diagonal.minCoeff() > 0)) return Matrix6d::Zero();
-  const Vector6d unit = diagonal.cwiseSqrt().cwiseInverse();  // for metres and radians
-  const Eigen::SelfAdjointEigenSolver<Matrix6d> eigen(unit.asDiagonal() * H * unit.asDiagonal());
-  if (!(eigen.eigenvalues()(0) > ICLK_LEAST_EIGENVALUE)) return Matrix6d::Zero();
-  const Matrix6d inverse = unit.asDiagonal() * eigen.eigenvectors() * eigen.eigenvalues().cwiseInverse().asDiagonal() *
-                           eigen.eigenvectors().transpose() * unit.asDiagonal();
+  const Matrix6d inverse = inverse_of(H);
   return inverse * (single + common * common.transpose()) * inverse + seen * common_sigma * common_sigma * inverse;
+}
+
+Matrix6d shift_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
+                          double sigma) {
+  Matrix6d H = Matrix6d::Zero();
+  Eigen::Matrix<double, 6, 2> shift = Eigen::Matrix<double, 6, 2>::Zero();
+  for (size_t i = 0; i < checks.size(); ++i) {
+    if (checks[i] != FeatureCheck::ok) continue;
+    const Eigen::Vector3d ray = camera.ray(features.uv[i]), p = T_10.R * ray + features.inverse_depth[i] * T_10.t;
+    if (!(p.z() > 0) || !camera.contains(camera.project(p))) continue;
+    const Eigen::Matrix<double, 2, 6> J = reprojection_jacobian(camera, T_10, ray / features.inverse_depth[i]);
+    H += J.transpose() * J;
+    shift += J.transpose();
+  }
+  const Eigen::Matrix<double, 6, 2> by_shift = sigma * inverse_of(H) * shift;
+  return by_shift * by_shift.transpose();
 }
 
 }  // namespace iclk::internal

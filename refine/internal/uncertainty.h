@@ -48,4 +48,9 @@ SharedErrors shared_errors(const Camera& camera, std::span<const Observation> ob
 Matrix6d depth_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
                           double relative_depth, double common_sigma = 0);
 
+/// The covariance of a pose whose features are all shifted alike in image 1, by `sigma` px in either direction. Zero if the
+/// features do not determine the pose.
+Matrix6d shift_covariance(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
+                          double sigma);
+
 }  // namespace iclk::internal

@@ -7,6 +7,7 @@
 
 #include <iclk/engine/error.h>
 #include <iclk/refine/cascade.h>
+#include <iclk/refine/internal/uncertainty.h>
 #include <iclk/refine/pose.h>
 
 #include "relief.h"
@@ -165,6 +166,25 @@ TEST(Uncertainty, AGivenCameraIsBelieved) {
   EXPECT_LT(judge(150, {.principal_point = {0.5, -0.5}}, false, vague).nees, 1);
   vague.camera_sigma = -1;
   EXPECT_THROW(vague.check(), Error);
+}
+
+TEST(Uncertainty, AShiftOfAllPositionsIsAllowedFor) {
+  Observed o = observe(150, {.position = 0}, 1);
+  for (AlignedFeature& a : o.aligned) {
+    if (!kCamera.contains(a.uv1)) a.status = FeatureStatus::out_of_image;
+    a.uv1 += Eigen::Vector2d(0.3, -0.3);
+  }
+  PoseOptions exact;
+  exact.camera_sigma = exact.max_depth_sigma = 0;
+  exact.cauchy_scale = 1e4;
+  const PoseResult r = refine_pose(kCamera, o.features, o.aligned, o.T_10, exact);
+  const std::vector<FeatureCheck> checks(o.features.uv.size(), FeatureCheck::ok);
+  const Matrix6d shifted = internal::shift_covariance(kCamera, o.features, checks, o.T_10, 0.3);
+  const Matrix6d other = 0.01 * shifted.diagonal().asDiagonal().toDenseMatrix();
+  const Vector6d e = (r.T_10.inverse() * o.T_10).log();
+  EXPECT_NEAR(e.dot((shifted + other).ldlt().solve(e)), 2, 0.5) << "one sigma in either direction";
+  const std::vector<FeatureCheck> none(checks.size(), FeatureCheck::no_depth);
+  EXPECT_TRUE(internal::shift_covariance(kCamera, o.features, none, o.T_10, 0.3).isZero(0));
 }
 
 // The same pair as a camera with mirrored rows or columns has it.
