@@ -18,6 +18,21 @@ namespace {
 
 constexpr double kFreedom = 3;  // degrees of freedom of Student's t
 
+using PoseJacobian = Eigen::Matrix<double, 2, 6>;
+
+/// Calls `each(i, p, J)` for the features that a pose projects into image 1: p is the point in camera 1 times its inverse depth
+/// in camera 0, J the Jacobian by the pose.
+template <class Each>
+void each_seen(const Camera& camera, const Features& features, std::span<const FeatureCheck> checks, const SE3& T_10,
+               const Each& each) {
+  for (size_t i = 0; i < checks.size(); ++i) {
+    if (checks[i] != FeatureCheck::ok) continue;
+    const Eigen::Vector3d ray = camera.ray(features.uv[i]), p = T_10.R * ray + features.inverse_depth[i] * T_10.t;
+    if (!(p.z() > 0) || !camera.contains(camera.project(p))) continue;
+    each(i, p, reprojection_jacobian(camera, T_10, ray / features.inverse_depth[i]));
+  }
+}
+
 /// The inverse of an information matrix; zero if it does not determine the pose.
 Matrix6d inverse_of(const Matrix6d& H) {
   const Vector6d diagonal = H.diagonal();
@@ -186,19 +201,15 @@ Matrix6d depth_covariance(const Camera& camera, const Features& features, std::s
   int seen = 0;
   Matrix6d H = Matrix6d::Zero(), single = Matrix6d::Zero();
   Vector6d common = Vector6d::Zero();
-  for (size_t i = 0; i < checks.size(); ++i) {
-    if (checks[i] != FeatureCheck::ok) continue;
+  each_seen(camera, features, checks, T_10, [&](size_t i, const Eigen::Vector3d& p, const PoseJacobian& J) {
     const double q = features.inverse_depth[i];
     const double own = i < features.inverse_depth_sigma.size() ? features.inverse_depth_sigma[i] / q : 0;
-    const Eigen::Vector3d p = T_10.R * camera.ray(features.uv[i]) + q * T_10.t;
-    if (!(p.z() > 0) || !camera.contains(camera.project(p))) continue;
-    const Eigen::Matrix<double, 2, 6> J = reprojection_jacobian(camera, T_10, camera.ray(features.uv[i]) / q);
     const Vector6d s = J.transpose() * (camera.project_jacobian(p) * T_10.t * q) * (own > 0 ? own : relative_depth);
     H += J.transpose() * J;
     single += s * s.transpose();
     common += ICLK_COMMON_DEPTH * s;
     ++seen;
-  }
+  });
   const Matrix6d inverse = inverse_of(H);
   return inverse * (single + common * common.transpose()) * inverse + seen * common_sigma * common_sigma * inverse;
 }
@@ -207,14 +218,10 @@ Matrix6d shift_covariance(const Camera& camera, const Features& features, std::s
                           double sigma) {
   Matrix6d H = Matrix6d::Zero();
   Eigen::Matrix<double, 6, 2> shift = Eigen::Matrix<double, 6, 2>::Zero();
-  for (size_t i = 0; i < checks.size(); ++i) {
-    if (checks[i] != FeatureCheck::ok) continue;
-    const Eigen::Vector3d ray = camera.ray(features.uv[i]), p = T_10.R * ray + features.inverse_depth[i] * T_10.t;
-    if (!(p.z() > 0) || !camera.contains(camera.project(p))) continue;
-    const Eigen::Matrix<double, 2, 6> J = reprojection_jacobian(camera, T_10, ray / features.inverse_depth[i]);
+  each_seen(camera, features, checks, T_10, [&](size_t, const Eigen::Vector3d&, const PoseJacobian& J) {
     H += J.transpose() * J;
     shift += J.transpose();
-  }
+  });
   const Eigen::Matrix<double, 6, 2> by_shift = sigma * inverse_of(H) * shift;
   return by_shift * by_shift.transpose();
 }
