@@ -70,9 +70,9 @@ class Correction : public testing::Test {
   void invert() {
     for (float& x : image1_.data) x = 1 - x;
   }
-  /// Inverts the contrast but for a quarter of the image, which moves by some pixels.
-  void invert_but_a_part(int pixels) {
-    const int width = relief_.camera.width, kept = relief_.camera.height / 4;
+  /// Inverts the contrast but for a share of the image, which moves by some pixels.
+  void invert_but_a_part(int pixels, double share = 0.25) {
+    const int width = relief_.camera.width, kept = static_cast<int>(share * relief_.camera.height);
     for (int v = 0; v < relief_.camera.height; ++v) {
       float* row = image1_.data.data() + static_cast<std::ptrdiff_t>(v) * width;
       if (v < kept)
@@ -221,6 +221,33 @@ TEST_F(Correction, LinesRefuseFewConfirmingFeaturesThatAreFarOff) {
   EXPECT_EQ(refused.status, Status::diverged) << refused.reason;
   EXPECT_FALSE(refused.refined);
   EXPECT_LT(error(refused), 0.5) << refused.reason;
+}
+
+TEST_F(Correction, LinesRefuseWhatTheyDoNotClearlyOutvote) {
+  least_share_ = 0.1;
+  invert_but_a_part(3, 0.45);
+  const RefinedAlignment alone = answer(0, false, false), refused = answer(0, true, false);
+  ASSERT_TRUE(alone.converged() && alone.refined) << alone.reason;
+  EXPECT_EQ(refused.status, Status::diverged) << refused.reason;
+  EXPECT_EQ(refused.T_10.matrix(), alone.T_10.matrix()) << "fewer than twice as many agree";
+  EXPECT_NE(refused.reason.find("; another pose by lines"), std::string::npos) << refused.reason;
+}
+
+TEST_F(Correction, AShiftOfAllLinesIsInTheCovariance) {
+  search_ = true;
+  invert();
+  add_texture(0.25);
+  const int width = relief_.camera.width;
+  for (int v = 0; v < relief_.camera.height; ++v) {
+    float* row = image1_.data.data() + static_cast<std::ptrdiff_t>(v) * width;
+    std::copy_backward(row, row + width - 1, row + width);
+  }
+  status_ = Status::degenerate;
+  const RefinedAlignment confirmed = answer(2);
+  ASSERT_TRUE(confirmed.by_lines) << confirmed.reason;
+  EXPECT_NEAR(error(confirmed), 1, 0.3);
+  const Vector6d off = (confirmed.T_10.inverse() * relief_.T_10).log();
+  EXPECT_LT(off.dot(confirmed.covariance.ldlt().solve(off)), 25) << "three sigma and some noise";
 }
 
 }  // namespace
