@@ -338,9 +338,16 @@ std::vector<RefinedAlignment> Cascade::settle(std::span<const Pair> given) {
     }
     unsettled.insert(unsettled.end(), skipped.begin(), skipped.end());
     left = std::move(unsettled);
+    if (look.local_contrast && !look.last) {
+      for (const size_t i : left) look_at_lines(pairs[i], *by_contrast[i], results[i], false);
+      std::erase_if(left, [&](size_t i) { return results[i].by_lines; });
+    }
   }
-  for (size_t i = 0; i < pairs.size(); ++i)
-    if (by_contrast[i]) look_at_lines(pairs[i], *by_contrast[i], results[i]);
+  for (size_t i = 0; i < pairs.size(); ++i) {
+    if (!by_contrast[i] && steps_[0].local_contrast && internal::weakly_confirmed(results[i]))
+      by_contrast[i] = Opinion{0, results[i].T_10};
+    if (by_contrast[i]) look_at_lines(pairs[i], *by_contrast[i], results[i], true);
+  }
   return results;
 }
 

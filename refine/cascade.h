@@ -37,10 +37,10 @@ struct CascadePair {
 /// images blurred alike (RefinedAlignment::blur). That answer counts if its features confirm it, or if it is near the first
 /// one.
 ///
-/// Features may fail to confirm a pose because contrasts differ, as between seasons. If a look by local contrast was taken,
-/// patches of lines are matched near the answer. If their positions confirm a pose, it is the answer. If they do not, a pose
-/// that no or few features confirm is corrected: it becomes that of the lines, or the mean with the pose by local contrast.
-/// Covariance and status of a corrected answer remain.
+/// Features may fail to confirm a pose because contrasts differ, as between seasons. If a look by local contrast was taken, or
+/// if few imprecise features confirm the pose, patches of lines are matched near the answer. If their positions confirm a pose,
+/// it is the answer, and no further model is asked. If they do not, the answer of the last model is corrected, where no or few
+/// features confirm it: its pose becomes that of the lines, or the mean with the pose by local contrast.
 ///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.
@@ -126,8 +126,10 @@ class Cascade {
   /// The answer at that pose, if the positions of patches of lines confirm it.
   std::optional<RefinedAlignment> refine_by_lines(const Pair& pair, size_t step, internal::PairLines& lines, const SE3& T_10,
                                                   const RefinedAlignment& answer);
-  /// Replaces an answer by one that lines confirm. If there is none, it corrects a pose that no features confirm.
-  void look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer);
+  /// The covariance of a pose by lines from what shifts all of them, such as shadows.
+  Matrix6d shift_of_lines(const Pair& pair, size_t step, const SE3& T_10) const;
+  /// Replaces an answer by one that lines confirm. If there is none, the last look corrects a pose that no features confirm.
+  void look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer, bool last);
   void correct(const Pair& pair, const Opinion& by_contrast, const std::optional<internal::LinePose>& by_lines,
                RefinedAlignment& answer);
   RefinedAlignment answer_alike(const Look& look, const Pair& pair, const internal::PairBlur& blur,

@@ -46,6 +46,12 @@ std::optional<internal::LinePose> Cascade::pose_by_lines(const Pair& pair, size_
   return best;
 }
 
+Matrix6d Cascade::shift_of_lines(const Pair& pair, size_t step, const SE3& T_10) const {
+  const Aligner& aligner = *running_[step].aligner;
+  return internal::shift_covariance(aligner.camera(pair.reference), aligner.features(pair.reference),
+                                    aligner.checks(pair.reference), T_10, kShift);
+}
+
 std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_t step, internal::PairLines& lines,
                                                          const SE3& T_10, const RefinedAlignment& answer) {
   if (!pair.search || pair.prior) return {};
@@ -63,8 +69,7 @@ std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_
   if (!internal::confirmed_by_lines(confirmed)) return {};
   confirmed.by_lines = true;
   confirmed.covariance *= kAlike;
-  confirmed.covariance += internal::shift_covariance(aligner.camera(pair.reference), aligner.features(pair.reference),
-                                                     aligner.checks(pair.reference), confirmed.T_10, kShift);
+  confirmed.covariance += shift_of_lines(pair, step, confirmed.T_10);
   for (AlignedFeature& f : confirmed.features)
     if (f.status == FeatureStatus::aligned) f.covariance = confirmed.sigma * confirmed.sigma * Eigen::Matrix2d::Identity();
   confirmed.reason += "; by lines";
@@ -74,8 +79,8 @@ std::optional<RefinedAlignment> Cascade::refine_by_lines(const Pair& pair, size_
   return confirmed;
 }
 
-void Cascade::look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer) {
-  if (answer.status == Status::ambiguous) return;
+void Cascade::look_at_lines(const Pair& pair, const Opinion& by_contrast, RefinedAlignment& answer, bool last) {
+  if (answer.status == Status::ambiguous || answer.by_lines) return;
   const internal::Stopwatch time;
   std::optional<internal::LinePose> by_lines;
   std::optional<RefinedAlignment> confirmed;
@@ -87,7 +92,7 @@ void Cascade::look_at_lines(const Pair& pair, const Opinion& by_contrast, Refine
   times_.align += time.ms();
   if (confirmed && confirmed->inliers >= (answer.refined ? kMore * answer.inliers : 0))
     answer = std::move(*confirmed);
-  else
+  else if (last)
     correct(pair, by_contrast, by_lines, answer);
 }
 
@@ -109,6 +114,7 @@ void Cascade::correct(const Pair& pair, const Opinion& by_contrast, const std::o
     const bool corrects = outvoted(kClearlyMore);
     if (contradicts) refuse(answer);
     if (corrects) answer.T_10 = by_lines->T_10;
+    if (corrects && answer.converged()) answer.covariance += shift_of_lines(pair, by_contrast.step, answer.T_10);
     answer.reason += std::string("; ") + (corrects ? "" : "another ") + "pose by lines, on which " +
                      std::to_string(by_lines->agreeing) + " of " + std::to_string(by_lines->compared) + " patches agree";
   } else if (!answer.refined && apart > 0 && apart <= kForMean) {

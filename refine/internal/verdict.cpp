@@ -79,6 +79,14 @@ void judge_second_look(RefinedAlignment& r) {
       "too few features agree for a second look, which needs 80 % of the aligned and 20 % of the visible ones: " + r.reason;
 }
 
+namespace {
+constexpr double kLeastSigma = 0.3;  // px, of positions where grey values differ
+}
+
+bool weakly_confirmed(const RefinedAlignment& r) {
+  return r.converged() && r.refined && 2 * r.inliers < r.visible && r.sigma >= kLeastSigma;
+}
+
 RefinerOptions by_lines(RefinerOptions options) {
   options.keep_unconfirmed = options.rolling_shutter = options.structure = false;
   options.min_inliers = 40;
@@ -87,7 +95,7 @@ RefinerOptions by_lines(RefinerOptions options) {
 }
 
 bool confirmed_by_lines(const RefinedAlignment& r) {
-  constexpr double kLeastSigma = 0.3, kMostSigma = 1;  // px, of the positions
+  constexpr double kMostSigma = 1;  // px, of the positions
   return r.converged() && r.refined && r.sigma >= kLeastSigma && r.sigma <= kMostSigma &&
          3 * static_cast<size_t>(r.inliers) >= r.features.size() && r.iclk.repeats < ICLK_MATCH_REPEATS;
 }

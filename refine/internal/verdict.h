@@ -38,6 +38,9 @@ Verdict judge(const Evidence& evidence, std::span<const AlignedFeature> features
 /// pose is evidence enough.
 void judge_second_look(RefinedAlignment& answer);
 
+/// Whether fewer than half of the visible features confirm a claim, with positions as imprecise as where grey values differ.
+bool weakly_confirmed(const RefinedAlignment& answer);
+
 /// The options of a refinement by lines. It keeps no unconfirmed pose, and finds no bend of the target, because its residuals
 /// are too large. Answers and rivals need 40 features and half of the visible ones.
 RefinerOptions by_lines(RefinerOptions options);

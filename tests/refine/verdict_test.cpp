@@ -105,6 +105,24 @@ TEST(Verdict, AtHalfTheSizeAModelsPoseMayBeFurtherAndResidualsMayNot) {
   EXPECT_FALSE(internal::found_again(e, {})) << "two seasons: 1.4 px off";
 }
 
+TEST(Verdict, FewImpreciseFeaturesConfirmWeakly) {
+  RefinedAlignment r;
+  r.status = Status::converged;
+  r.refined = true;
+  r.visible = 100;
+  r.inliers = 49;
+  r.sigma = 0.3;
+  EXPECT_TRUE(internal::weakly_confirmed(r));
+  r.inliers = 50;
+  EXPECT_FALSE(internal::weakly_confirmed(r));
+  r.inliers = 49;
+  r.sigma = 0.29;
+  EXPECT_FALSE(internal::weakly_confirmed(r)) << "few, but precise: most of the scene is hidden";
+  r.sigma = 0.3;
+  r.refined = false;
+  EXPECT_FALSE(internal::weakly_confirmed(r));
+}
+
 TEST(Verdict, LinesConfirmOnlyWhatGreyValuesCannot) {
   RefinedAlignment r;
   r.status = Status::converged;
