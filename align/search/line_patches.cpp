@@ -19,7 +19,17 @@ using Eigen::Vector2d;
 
 constexpr Index kHalf = 12;   // pixels of the map to either side of a patch's centre
 constexpr Index kBorder = 8;  // pixels of the map around the target, the largest reach
+constexpr Index kSide = 2 * kHalf + 1;
 constexpr int kHypotheses = 512;
+
+/// Sums at places below each other: at least 2 * 8 + 1, in whole vectors of four.
+using Column = Eigen::Array<float, 20, 1>;
+constexpr Index kBelow = Column::RowsAtCompileTime;  // pixels below the target
+
+/// Adds the products of one column of a patch with those of a map that begin at `map` and below it.
+void add_products(const float* patch, const float* map, Column& sums) {
+  for (Index y = 0; y < kSide; ++y) sums += patch[y] * Eigen::Map<const Column>(map + y);
+}
 
 /// How a pose maps the surroundings of a feature.
 struct Warp {
@@ -48,7 +58,7 @@ std::optional<Warp> warp_of(const Camera& camera, const Vector2d& centre, double
 LinePatches::LinePatches(const Map& reference, const Map& target, int scale)
     : known_(distinct(lines_of(reference, scale), kHalf)), scale_(scale) {
   const Lines seen = distinct(lines_of(target, scale), kHalf);
-  real_ = imag_ = MatrixXf::Zero(seen.rows() + 2 * kBorder, seen.cols() + 2 * kBorder);
+  real_ = imag_ = MatrixXf::Zero(seen.rows() + kBorder + kBelow, seen.cols() + 2 * kBorder);
   real_.block(kBorder, kBorder, seen.rows(), seen.cols()) = seen.real();
   imag_.block(kBorder, kBorder, seen.rows(), seen.cols()) = seen.imag();
 }
@@ -59,10 +69,9 @@ std::optional<LinePatches::Compared> LinePatches::find(const Camera& camera, con
   const std::optional<Warp> found = warp_of(camera, centre, inverse_depth, scale_, T_10);
   if (!found) return {};
   const Warp& warp = *found;
-  const Index width = real_.cols() - 2 * kBorder, height = real_.rows() - 2 * kBorder;
+  const Index width = real_.cols() - 2 * kBorder, height = real_.rows() - kBorder - kBelow;
   const auto u = static_cast<Index>(std::lround(warp.place.x())), v = static_cast<Index>(std::lround(warp.place.y()));
   if (u < kHalf || v < kHalf || u + kHalf >= width || v + kHalf >= height) return {};
-  constexpr Index kSide = 2 * kHalf + 1;
   const Eigen::Matrix2d back = warp.A.inverse();
   const double roll = std::atan2(warp.A(1, 0) - warp.A(0, 1), warp.A(0, 0) + warp.A(1, 1));
   const std::complex<float> turn = std::polar(1.0f, static_cast<float>(2 * roll));
@@ -76,13 +85,15 @@ std::optional<LinePatches::Compared> LinePatches::find(const Camera& camera, con
   const float norm = std::sqrt(real.squaredNorm() + imag.squaredNorm());
   if (!(norm > 0)) return {};
   MatrixXf scores(2 * reach + 1, 2 * reach + 1);
-  for (Index x = 0; x < scores.cols(); ++x)
-    for (Index y = 0; y < scores.rows(); ++y) {
-      const Index left = u - kHalf + x - reach + kBorder, top = v - kHalf + y - reach + kBorder;
-      scores(y, x) = (real.cwiseProduct(real_.block(top, left, kSide, kSide)).sum() +
-                      imag.cwiseProduct(imag_.block(top, left, kSide, kSide)).sum()) /
-                     norm;
+  const Index left = u - kHalf - reach + kBorder, top = v - kHalf - reach + kBorder;
+  for (Index x = 0; x < scores.cols(); ++x) {
+    Column sums = Column::Zero();
+    for (Index column = 0; column < kSide; ++column) {
+      add_products(&real(0, column), &real_(top, left + x + column), sums);
+      add_products(&imag(0, column), &imag_(top, left + x + column), sums);
     }
+    scores.col(x) = sums.head(scores.rows()).matrix() / norm;
+  }
   Index y = 0, x = 0;
   const float best = scores.maxCoeff(&y, &x);
   if (!(best > 0)) return {};
