@@ -39,8 +39,9 @@ struct CascadePair {
 ///
 /// Features may fail to confirm a pose because contrasts differ, as between seasons. If a look by local contrast was taken, or
 /// if few imprecise features confirm the pose, patches of lines are matched near the answer. If their positions confirm a pose,
-/// it is the answer, and no further model is asked. If they do not, the answer of the last model is corrected, where no or few
-/// features confirm it: its pose becomes that of the lines, or the mean with the pose by local contrast.
+/// it is the answer, and no further model is asked. If they do not, a last answer that no or few features confirm is corrected:
+/// its pose becomes that of the lines, or the mean with the pose by local contrast. Its status remains, unless lines contradict
+/// a claim. The covariance of a claim that lines correct allows for a shift of all lines.
 ///
 /// Pairs have references of their own, or refer to keyframes that were prepared for any number of targets. One thread at a
 /// time.

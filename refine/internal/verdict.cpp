@@ -11,6 +11,8 @@ namespace iclk::internal {
 
 namespace {
 
+constexpr double kLeastSigma = 0.3;  // px, of positions where grey values differ
+
 /// Limits for poses that features find again; ICLK_AGAIN_... at full size.
 struct AgainLimits {
   double correction, sigma, share;
@@ -77,10 +79,6 @@ void judge_second_look(RefinedAlignment& r) {
   r.covariance.setZero();
   r.reason =
       "too few features agree for a second look, which needs 80 % of the aligned and 20 % of the visible ones: " + r.reason;
-}
-
-namespace {
-constexpr double kLeastSigma = 0.3;  // px, of positions where grey values differ
 }
 
 bool weakly_confirmed(const RefinedAlignment& r) {
